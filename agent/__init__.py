@@ -1,0 +1,1 @@
+"""Stage three of LanGWM: PointGoal navigation with a world model on language-grounded features."""

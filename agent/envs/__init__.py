@@ -1,0 +1,1 @@
+"""The PointGoal environment and what is measured in it."""

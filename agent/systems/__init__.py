@@ -1,0 +1,1 @@
+"""Complete agents: one file per family of systems."""

@@ -1,0 +1,110 @@
+"""Everything that can be configured about stage one: scenes, camera, labels, shards."""
+
+from dataclasses import field
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from langwm_data.config_io import config
+
+Positive = Annotated[float, Field(gt=0)]
+PositiveInt = Annotated[int, Field(ge=1)]
+Fraction = Annotated[float, Field(ge=0, le=1)]
+
+
+@config
+class CameraConfig:
+    """Pinhole camera on the robot. Source: Table 2 (size); iGibson turtlebot_point_nav.yaml (fov)."""
+
+    height: Annotated[int, Field(ge=16, le=2048)] = 128
+    """Pixels."""
+    width: Annotated[int, Field(ge=16, le=2048)] = 160
+    """Pixels."""
+    vertical_fov_deg: Annotated[float, Field(ge=5, le=150)] = 45.0
+    mount_height_m: Positive = 0.3
+    """Above the floor. Source: ROS TurtleBot description, approximately."""
+    pitch_deg: Annotated[float, Field(ge=-89, le=89)] = 0.0
+    """Positive looks up."""
+    near_m: Positive = 0.05
+    far_m: Positive = 40.0
+
+
+@config
+class RobotConfig:
+    """Cylinder that stands for the robot. Source: TurtleBot 2 (radius); height ours."""
+
+    radius_m: Positive = 0.176
+    height_m: Positive = 0.45
+
+
+@config
+class ScenesConfig:
+    """Where scenes come from."""
+
+    seed: int = 0
+    """Seed of the procedural homes: same seed, same fifteen floors."""
+
+
+@config
+class SplitsConfig:
+    """How frames are divided between training and test floors."""
+
+    test_fraction: Fraction = 0.1
+
+
+@config
+class RenderConfig:
+    """How a scene becomes pixels."""
+
+    backend: Literal["tiny"] = "tiny"
+    """``tiny``: PyBullet's TinyRenderer."""
+    texture_px: Annotated[int, Field(ge=16, le=1024)] = 128
+    """Edge of a square texture."""
+
+
+@config
+class ViewsConfig:
+    """Where dataset cameras stand."""
+
+    frames_per_palette: PositiveInt = 25
+    """Consecutive frames that share one scene and one choice of textures."""
+    min_clearance_m: Annotated[float, Field(ge=0)] = 0.25
+    """Least distance from the camera to any obstacle."""
+    max_tries: PositiveInt = 20
+    """Views drawn before one without an eligible object is accepted."""
+
+
+@config
+class LabelsConfig:
+    """What counts as an object worth a caption, and how its distance is said."""
+
+    min_area_fraction: Fraction = 0.005
+    """Smaller masks get no caption. Source: ours (method notes, decision 13)."""
+    max_depth_m: Positive = 10.0
+    """Depth is clipped here before the mean distance is taken."""
+    distance_format: Literal["integer", "decimal"] = "integer"
+    """``integer``: rounded metres; ``decimal``: one decimal."""
+
+
+@config
+class ShardsConfig:
+    """How samples are packed."""
+
+    samples_per_shard: PositiveInt = 1000
+
+
+@config
+class DatasetConfig:
+    """One rendered dataset."""
+
+    frames: PositiveInt = 1000
+    """All frames, training and test together."""
+    seed: int = 0
+    camera: CameraConfig = field(default_factory=CameraConfig)
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    scenes: ScenesConfig = field(default_factory=ScenesConfig)
+    splits: SplitsConfig = field(default_factory=SplitsConfig)
+    render: RenderConfig = field(default_factory=RenderConfig)
+    cameras: ViewsConfig = field(default_factory=ViewsConfig)
+    labels: LabelsConfig = field(default_factory=LabelsConfig)
+    shards: ShardsConfig = field(default_factory=ShardsConfig)

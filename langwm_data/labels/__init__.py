@@ -1,0 +1,1 @@
+"""From instance masks and depth to boxes, distances and captions."""

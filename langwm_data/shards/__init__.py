@@ -1,0 +1,1 @@
+"""Datasets on disk: samples, shards, index, manifest."""

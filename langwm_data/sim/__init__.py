@@ -1,0 +1,1 @@
+"""The only room that knows a physics engine or a graphics library."""

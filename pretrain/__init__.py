@@ -1,0 +1,1 @@
+"""Stage two of LanGWM: the language-grounded masked autoencoder."""
