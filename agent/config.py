@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import field
+from itertools import pairwise
 from typing import Annotated
 
 from pydantic import AfterValidator, Field
@@ -14,7 +15,7 @@ PositiveInt = Annotated[int, Field(ge=1)]
 
 
 def _ascending(edges: tuple[float, ...]) -> tuple[float, ...]:
-    if len(edges) < 2 or edges[0] <= 0 or any(a >= b for a, b in zip(edges, edges[1:], strict=False)):
+    if len(edges) < 2 or edges[0] <= 0 or any(a >= b for a, b in pairwise(edges)):
         raise ValueError("give at least two positive distances in ascending order")
     return edges
 
@@ -62,9 +63,9 @@ class EnvConfig:
 
 @config
 class ReplayConfig:
-    """Buffer of whole episodes. Source: Table 3 (size); DreamerV2 (ends)."""
+    """Buffer of whole episodes on disk."""
 
     capacity_steps: PositiveInt = 300_000
-    """The oldest episodes leave when the buffer holds more steps than this."""
+    """The oldest episodes leave when the buffer holds more steps than this. Source: Sec. 3.2."""
     prioritize_ends: bool = True
-    """Draw chunks that contain an episode's end more often, as MWM does for episodic tasks."""
+    """Draw chunks that contain an episode's end more often. Source: MWM configs.yaml (rlbench)."""
