@@ -1,0 +1,244 @@
+"""The command line: parse, load the configuration, call one function.
+
+Owns flags, progress and exit codes: 0 success, 1 the work failed, 2 the request was wrong. A wrong
+request is one sentence on stderr. Heavy packages are imported inside the commands, so that ``--help``
+answers at once.
+"""
+
+import contextlib
+import errno
+import logging
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import typer
+
+from langwm_data.config_io import ConfigError, load_config, merge, parse_assignment
+
+app = typer.Typer(
+    name="langwm",
+    help="LanGWM: render captioned homes, pretrain a language-grounded encoder, train an agent on it.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+
+Preset = Annotated[list[str], typer.Option("--preset", help="Named settings; repeatable, later wins.")]
+Set = Annotated[list[str], typer.Option("--set", metavar="a.b=v", help="One setting; repeatable.")]
+Seed = Annotated[int | None, typer.Option("--seed", help="Seed of everything random in this command.")]
+Fresh = Annotated[bool, typer.Option("--fresh", help="Throw away what an earlier run left in --out.")]
+Out = Annotated[Path, typer.Option("--out", help="Folder to write; the same command goes on in it.")]
+Steps = Annotated[int | None, typer.Option("--steps", help="How long to train.")]
+
+T = TypeVar("T")
+
+# Typer carries its own click in newer releases and imports the package in older ones.
+_UsageError = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
+
+
+@app.command("render-dataset")
+def render_dataset_command(
+    out: Out,
+    frames: Annotated[int | None, typer.Option("--frames", help="All frames, training and test.")] = None,
+    workers: Annotated[int, typer.Option("--workers", min=1, help="Processes.")] = 1,
+    preset: Preset = [],  # noqa: B006
+    assignments: Set = [],  # noqa: B006
+    seed: Seed = None,
+    fresh: Fresh = False,
+) -> None:
+    """Render scenes, label every frame, write sharded datasets."""
+    from langwm_data.config import DatasetConfig
+    from langwm_data.pipeline import render_dataset
+
+    config = _load(DatasetConfig, "langwm_data", preset, assignments, {"frames": frames, "seed": seed})
+    with _progress("frames") as progress:
+        path = render_dataset(config, out, workers=workers, fresh=fresh, progress=progress)
+    typer.echo(f"dataset at {path}; look at it with: langwm inspect {path} --gallery gallery.html")
+
+
+@app.command("inspect")
+def inspect_command(
+    data: Annotated[Path, typer.Argument(help="Dataset folder.")],
+    gallery: Annotated[Path | None, typer.Option("--gallery", help="Write an HTML page of frames.")] = None,
+    count: Annotated[int, typer.Option("--count", min=1, help="Frames on the page.")] = 24,
+) -> None:
+    """Print what is in a dataset; show frames with masks, depth and captions."""
+    from langwm_data.shards.gallery import write_gallery
+    from langwm_data.shards.summary import summarise
+
+    typer.echo(summarise(data).as_text())
+    if gallery is not None:
+        write_gallery(data, gallery, count=count)
+        typer.echo(f"gallery at {gallery}")
+
+
+@app.command("pretrain-mae")
+def pretrain_mae_command(
+    data: Annotated[Path, typer.Option("--data", help="Dataset from render-dataset.")],
+    out: Out,
+    steps: Steps = None,
+    preset: Preset = [],  # noqa: B006
+    assignments: Set = [],  # noqa: B006
+    seed: Seed = None,
+    fresh: Fresh = False,
+) -> None:
+    """Pretrain the masked autoencoder that fills in masked objects' depth from a caption."""
+    from pretrain.config import PretrainConfig
+    from pretrain.train import pretrain_mae
+
+    config = _load(PretrainConfig, "pretrain", preset, assignments, {"steps": steps, "seed": seed})
+    with _progress("steps") as progress:
+        path = pretrain_mae(config, data, out, fresh=fresh, progress=progress)
+    typer.echo(f"encoder at {path}")
+
+
+@app.command("train-agent")
+def train_agent_command(
+    out: Out,
+    system: Annotated[str, typer.Option("--system", help="Which agent.")] = "langwm",
+    mae: Annotated[Path | None, typer.Option("--mae", help="Run of pretrain-mae.")] = None,
+    features: Annotated[str | None, typer.Option("--features", help="frozen or finetuned.")] = None,
+    steps: Steps = None,
+    preset: Preset = [],  # noqa: B006
+    assignments: Set = [],  # noqa: B006
+    seed: Seed = None,
+    fresh: Fresh = False,
+) -> None:
+    """Train a world model and an actor-critic for PointGoal navigation."""
+    from agent.config import AgentConfig
+    from agent.train import train_agent
+
+    flags = {"system": system, "mae": None if mae is None else str(mae), "features": features}
+    config = _load(AgentConfig, "agent", preset, assignments, {**flags, "steps": steps, "seed": seed})
+    with _progress("environment steps") as progress:
+        path = train_agent(config, out, fresh=fresh, progress=progress)
+    typer.echo(f"agent at {path}; score it with: langwm evaluate-agent {path}")
+
+
+@app.command("evaluate-agent")
+def evaluate_agent_command(
+    run: Annotated[Path, typer.Argument(help="Run of train-agent.")],
+    split: Annotated[str, typer.Option("--split", help="train or test floors.")] = "test",
+    episodes: Annotated[int | None, typer.Option("--episodes", min=1, help="Episodes on each floor.")] = None,
+) -> None:
+    """Score an agent on fixed episodes, beside random, straight-ahead and turn-to-goal."""
+    from agent.evaluate import evaluate_run
+
+    with _progress("episodes") as progress:
+        summary = evaluate_run(run, split=split, episodes_per_scene=episodes, progress=progress)
+    typer.echo(summary.as_text())
+
+
+@app.command("demo")
+def demo_command(
+    out: Out = Path("demo"),
+    workers: Annotated[int, typer.Option("--workers", min=1, help="Rendering processes.")] = 2,
+    preset: Annotated[str, typer.Option("--preset", help="Size of all three stages.")] = "tiny",
+    seed: Annotated[int, typer.Option("--seed", help="Seed of all three stages.")] = 0,
+    fresh: Fresh = False,
+) -> None:
+    """Run all three stages and write report.html."""
+    from agent.demo import run_demo
+
+    report = run_demo(out, preset=preset, seed=seed, workers=workers, fresh=fresh, progress=_progress)
+    typer.echo(f"report at {report}")
+
+
+@app.command("doctor")
+def doctor_command() -> None:
+    """Say what this machine has and what is missing."""
+    from agent.doctor import diagnose
+
+    lines = diagnose()
+    for line in lines:
+        typer.echo(f"{'ok  ' if line.is_ok else 'MISS'} {line.name}: {line.detail}")
+    if not all(line.is_ok or line.is_optional for line in lines):
+        raise typer.Exit(1)
+
+
+def main() -> None:
+    """Console script: run a command and turn what goes wrong into one sentence and an exit code."""
+    level = os.environ.get("LANGWM_LOG", "INFO").upper()
+    logging.basicConfig(level=level, format="%(message)s", stream=sys.stderr)
+    for chatty in ("httpx", "transformers", "matplotlib"):
+        logging.getLogger(chatty).setLevel(logging.ERROR)
+    sys.exit(run(sys.argv[1:]))
+
+
+def run(arguments: list[str]) -> int:
+    """Run one command line; the exit code."""
+    try:
+        return int(app(args=arguments, prog_name="langwm", standalone_mode=False) or 0)
+    except _UsageError as error:
+        return _fail(error.format_message(), 2)  # pyright: ignore[reportAttributeAccessIssue]
+    except ConfigError as error:
+        return _fail(str(error), 2)
+    except OSError as error:
+        return _fail(_explain_os_error(error), 1)
+    except (KeyboardInterrupt, typer.Abort):
+        return _fail("interrupted; the same command goes on from here", 130)
+
+
+def _load(cls: type[T], package: str, presets: list[str], assignments: list[str], flags: dict[str, Any]) -> T:
+    """Presets, then flags that were given, then --set, which is the most explicit of all."""
+    overrides = {name: value for name, value in flags.items() if value is not None}
+    for text in assignments:
+        overrides = merge(overrides, parse_assignment(text))
+    return load_config(cls, package, presets=presets, overrides=overrides)
+
+
+def _fail(message: str, code: int) -> int:
+    typer.echo(f"langwm: {' '.join(message.split())}", err=True)
+    return code
+
+
+def _explain_os_error(error: OSError) -> str:
+    what = os.strerror(error.errno) if error.errno else str(error)
+    where = f" at {error.filename!r}" if error.filename else ""
+    advice = "; make room, then give the same command again" if error.errno == errno.ENOSPC else ""
+    return f"{what}{where}{advice}"
+
+
+@contextlib.contextmanager
+def _progress(unit: str) -> Iterator[Callable[[int, int], None]]:
+    """A bar with rate and remaining time on a terminal, a plain line every ten seconds elsewhere."""
+    if not sys.stderr.isatty():
+        yield _PlainProgress(unit)
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task(unit)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+class _PlainProgress:
+    """Progress as lines of text."""
+
+    every_s = 10.0
+
+    def __init__(self, unit: str) -> None:
+        self.unit = unit
+        self.start: tuple[float, int] | None = None
+        self.last = -float("inf")
+
+    def __call__(self, done: int, total: int) -> None:
+        now = time.monotonic()
+        self.start = self.start or (now, done)
+        if now - self.last < self.every_s and done < total:
+            return
+        self.last = now
+        elapsed, advanced = now - self.start[0], done - self.start[1]
+        rate = advanced / elapsed if elapsed > 0 else 0.0
+        left = f", {(total - done) / rate:.0f} s left" if rate > 0 and done < total else ""
+        typer.echo(f"{done}/{total} {self.unit}, {rate:.1f}/s{left}", err=True)
+
+
+if __name__ == "__main__":
+    main()
