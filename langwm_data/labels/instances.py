@@ -1,19 +1,22 @@
-"""From an instance mask and depth to one label per visible instance."""
+"""From an instance mask and depth to one label per visible instance.
 
+Owns what is measured of an object in an image and which objects are worth a caption. The same
+function labels the rendered dataset and the frames that an agent sees while it trains.
+"""
+
+import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
 
-@dataclass(frozen=True, kw_only=True)
-class Caption:
-    """One template sentence with the slots it was filled from."""
+from langwm_data.config import LabelsConfig
+from langwm_data.labels.captions import Caption, direction, sample_caption
+from langwm_data.scenes.taxonomy import is_structure
 
-    text: str
-    template: int
-    """1 to 7. Source: appendix, Language Templates."""
-    rule: int
-    """1 or 2, the direction rule."""
-    direction: str
-    distance: str
+__all__ = ["Caption", "ObjectLabel", "is_eligible", "label_frame"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,8 +31,86 @@ class ObjectLabel:
     """Centroid of the mask, x and y; a pixel's centre lies at .5."""
     area_px: int
     distance_m: float
-    """Mean z-depth over the mask, clipped to ``LabelsConfig.max_depth_m`` first."""
+    """Mean z-depth over the mask's valid pixels, each clipped to ``LabelsConfig.max_depth_m`` first;
+    0 where the mask has no valid depth."""
     direction_rule1: str
     direction_rule2: str
     captions: tuple[Caption, ...]
     """Empty for surfaces and for objects too small to be named."""
+
+
+def is_eligible(label: ObjectLabel, image_area: int, config: LabelsConfig) -> bool:
+    """Whether an object gets a caption: furniture, large enough, at a known distance.
+
+    Source: ours (method notes, decision 13).
+    """
+    return (
+        not is_structure(label.category)
+        and label.area_px >= config.min_area_fraction * image_area
+        and label.distance_m > 0
+    )
+
+
+def label_frame(
+    instance: NDArray[np.uint16],
+    depth: NDArray[np.float32],
+    table: Mapping[int, tuple[str, str]],
+    config: LabelsConfig,
+    rng: np.random.Generator,
+) -> list[ObjectLabel]:
+    """Label everything that is visible, sorted by instance id; eligible objects get one caption.
+
+    Args:
+        instance: (H, W), 0 = background.
+        depth: (H, W), metres, 0 = invalid.
+        table: Instance id to category and model, as ``SceneSpec.instances`` gives it.
+        config: Which objects are captioned, and how.
+        rng: Draws the templates and direction rules, in the order of the instance ids.
+    """
+    assert instance.shape == depth.shape, (instance.shape, depth.shape)
+    width = instance.shape[1]
+    labels = []
+    for number, box in enumerate(ndimage.find_objects(instance.astype(np.int32)), start=1):
+        if box is None:
+            continue
+        label = _measure(number, table[number], box, instance, depth, config.max_depth_m)
+        if is_eligible(label, instance.size, config):
+            caption = sample_caption(
+                rng,
+                label.category,
+                label.center_px[0],
+                width,
+                label.distance_m,
+                distance_format=config.distance_format,
+            )
+            label = dataclasses.replace(label, captions=(caption,))
+        labels.append(label)
+    return labels
+
+
+def _measure(
+    number: int,
+    name: tuple[str, str],
+    box: tuple[slice, slice],
+    instance: NDArray[np.uint16],
+    depth: NDArray[np.float32],
+    max_depth_m: float,
+) -> ObjectLabel:
+    rows, columns = box
+    mask = instance[box] == number
+    y, x = np.nonzero(mask)
+    center_x, center_y = columns.start + float(x.mean()) + 0.5, rows.start + float(y.mean()) + 0.5
+    valid = depth[box][mask & (depth[box] > 0)].astype(np.float64)
+    width = instance.shape[1]
+    return ObjectLabel(
+        instance=number,
+        category=name[0],
+        model=name[1],
+        bbox_xyxy=(float(columns.start), float(rows.start), float(columns.stop), float(rows.stop)),
+        center_px=(center_x, center_y),
+        area_px=len(x),
+        distance_m=float(np.minimum(valid, max_depth_m).mean()) if len(valid) else 0.0,
+        direction_rule1=direction(center_x, width, 1),
+        direction_rule2=direction(center_x, width, 2),
+        captions=(),
+    )

@@ -1,0 +1,192 @@
+"""Read a rendered dataset: by number, by key, selected, or as a stream. No torch needed.
+
+Samples are read from the tars at the offsets that the index gives, one read per sample and nothing
+scanned. Paths and offsets are checked against the manifest, so a damaged or hostile dataset cannot make
+this code read outside its folder.
+"""
+
+import os
+from collections.abc import Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from langwm_data.scenes.spec import SceneSpec, Split
+from langwm_data.shards.index import COLUMN_OF_FILE, FRAMES_SCHEMA, OBJECTS_SCHEMA
+from langwm_data.shards.manifest import FRAMES_FILE, OBJECTS_FILE, SCENES_DIR, Manifest, read_manifest
+from langwm_data.shards.sample import Sample, decode_sample
+from langwm_data.shards.stream import SampleStream
+
+
+class ShardDataset:
+    """A finished dataset as a sequence of ``Sample``.
+
+    Works from several threads and processes at once: nothing is held open between reads.
+
+    Args:
+        path: Folder that holds ``dataset.json``.
+
+    Raises:
+        ValueError: If the folder is missing, holds no finished dataset, or a damaged one.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        folder = Path(path)
+        manifest = read_manifest(folder)
+        frames = _read_table(folder / FRAMES_FILE, FRAMES_SCHEMA)
+        _check_places(folder, manifest, frames)
+        self._bind(folder, manifest, frames)
+
+    def _bind(self, folder: Path, manifest: Manifest, frames: pa.Table) -> None:
+        self.path = folder
+        self.manifest = manifest
+        self.frames = frames
+        self._shards: list[str] = frames["shard"].to_pylist()
+        self._keys: list[str] = frames["key"].to_pylist()
+        self._places = _places(frames)
+
+    @cached_property
+    def objects(self) -> pa.Table:
+        """A row per visible object of the frames held, in the order of the index."""
+        table = _read_table(self.path / OBJECTS_FILE, OBJECTS_SCHEMA)
+        if len(self) == self.manifest.frames:
+            return table
+        return table.filter(pc.field("key").isin(self._keys))
+
+    @cached_property
+    def _number_of_key(self) -> dict[str, int]:
+        return {key: number for number, key in enumerate(self._keys)}
+
+    def __len__(self) -> int:
+        return len(self._keys)
+
+    def __getitem__(self, which: int | str) -> Sample:
+        """Read one sample, by its number (negative counts from the end) or its key."""
+        number = self._number_of_key[which] if isinstance(which, str) else range(len(self))[which]
+        places = self._places[number]
+        start, stop = int(places[:, 0].min()), int(places.sum(axis=1).max())
+        data = _read_range(self.path / self._shards[number], start, stop - start)
+        files = {
+            name: data[offset - start : offset - start + size]
+            for name, (offset, size) in zip(COLUMN_OF_FILE, places.tolist(), strict=True)
+        }
+        return decode_sample({"__key__": self._keys[number], **files})
+
+    def __iter__(self) -> Iterator[Sample]:
+        return (self[number] for number in range(len(self)))
+
+    @property
+    def keys(self) -> list[str]:
+        """Names of the samples, in order."""
+        return list(self._keys)
+
+    def scene(self, name: str) -> SceneSpec:
+        """The baked scene called ``name``, enough to render its frames again.
+
+        Raises:
+            ValueError: If no frame of this dataset shows a scene of that name.
+        """
+        known = sorted({s for split in self.manifest.splits.values() for s in split.scenes})
+        if name not in known:
+            raise ValueError(f"no scene {name!r} in {str(self.path)!r}; there are: {', '.join(known)}")
+        return SceneSpec.from_json((self.path / SCENES_DIR / f"{name}.json").read_bytes())
+
+    def select(
+        self,
+        *,
+        split: Split | None = None,
+        filter: pc.Expression | None = None,
+        objects: pc.Expression | None = None,
+    ) -> Self:
+        """The part of the dataset that meets all conditions given, in the same order.
+
+        Args:
+            split: Keep frames of this split.
+            filter: Keep frames for which this holds, over the columns of ``frames``.
+            objects: Keep frames that show an object for which this holds, over the columns of
+                ``objects``, such as ``pc.field("category") == "chair"``.
+
+        Raises:
+            ValueError: If the dataset has no such split.
+        """
+        frames = self.frames
+        if split is not None:
+            if split not in self.manifest.splits:
+                known = ", ".join(self.manifest.splits)
+                raise ValueError(f"no split {split!r} in {str(self.path)!r}; there are: {known}")
+            frames = frames.filter(pc.field("split") == split)
+        if filter is not None:
+            frames = frames.filter(filter)
+        if objects is not None:
+            shown = self.objects.filter(objects)["key"].unique()
+            frames = frames.filter(pc.field("key").isin(shown))
+        part = object.__new__(type(self))
+        part._bind(self.path, self.manifest, frames)
+        return part
+
+    def iter(self, *, shuffle_seed: int | None = None, part: int = 0, num_parts: int = 1) -> SampleStream:
+        """Stream epochs of the samples; the stream's position can be saved and restored.
+
+        Args:
+            shuffle_seed: Draws a new order for each epoch; ``None`` keeps the order of the index.
+            part: Which of ``num_parts`` disjoint parts to read, such as
+                ``rank * num_workers + worker``.
+            num_parts: In how many parts each epoch is divided; their sizes differ by at most one.
+
+        Raises:
+            ValueError: If ``part`` is not in ``range(num_parts)``.
+        """
+        return SampleStream(self, shuffle_seed=shuffle_seed, part=part, num_parts=num_parts)
+
+
+def _places(frames: pa.Table) -> np.ndarray:
+    """(N, files, 2): offset and size of every file."""
+    columns = [
+        frames[f"{stem}_{what}"].to_numpy()
+        for stem in COLUMN_OF_FILE.values()
+        for what in ("offset", "bytes")
+    ]
+    return np.stack(columns, axis=-1).reshape(len(frames), len(COLUMN_OF_FILE), 2)
+
+
+def _check_places(folder: Path, manifest: Manifest, frames: pa.Table) -> None:
+    if len(frames) != manifest.frames:
+        raise ValueError(
+            f"{folder / FRAMES_FILE} has {len(frames)} rows; the manifest says {manifest.frames}"
+        )
+    size_of = {shard.path: shard.bytes for shard in manifest.shards}
+    if unknown := set(frames["shard"].unique().to_pylist()) - set(size_of):
+        raise ValueError(f"{folder / FRAMES_FILE} names shard {min(unknown)!r}, which is not in the manifest")
+    limits = np.array([size_of[s] for s in frames["shard"].to_pylist()], dtype=np.int64)
+    places = _places(frames)
+    if (places < 0).any() or (places.sum(axis=2) > limits[:, None]).any():
+        raise ValueError(f"{folder / FRAMES_FILE} points outside a shard")
+
+
+def _read_table(path: Path, schema: pa.Schema) -> pa.Table:
+    try:
+        table = pq.ParquetFile(path).read()
+    except (OSError, pa.ArrowException) as error:
+        raise ValueError(f"{path} is missing or is not a parquet file") from error
+    if not table.schema.equals(schema):
+        raise ValueError(f"{path} has other columns than this program writes")
+    return table
+
+
+def _read_range(path: Path, offset: int, size: int) -> bytes:
+    try:
+        descriptor = os.open(path, os.O_RDONLY)
+    except FileNotFoundError as error:
+        raise ValueError(f"shard {path} is missing") from error
+    try:
+        data = os.pread(descriptor, size, offset)
+    finally:
+        os.close(descriptor)
+    if len(data) != size:
+        raise ValueError(f"shard {path} is shorter than its index says")
+    return data

@@ -1,0 +1,124 @@
+"""The manifest of a dataset: what it holds, how it was made, and the checksum of every shard.
+
+``dataset.json`` is written last, so a folder that has one is complete.
+"""
+
+import dataclasses
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from langwm_data import atomic
+from langwm_data.scenes.spec import Split
+
+MANIFEST_FILE = "dataset.json"
+CARD_FILE = "README.md"
+FRAMES_FILE = "index/frames.parquet"
+OBJECTS_FILE = "index/objects.parquet"
+SCENES_DIR = "scenes"
+
+SCHEMA_VERSION = 1
+SHARD_PATTERN = r"(train|test)/(train|test)-\d{6}\.tar"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShardRecord:
+    """One tar of a finished dataset."""
+
+    path: str
+    """Relative to the dataset, ``train/train-000000.tar``."""
+    split: Split
+    samples: int
+    bytes: int
+    sha256: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class SplitRecord:
+    """What one split holds."""
+
+    frames: int
+    scenes: dict[str, int]
+    """Frames by scene."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraRecord:
+    """What all frames have in common; poses stand in each sample."""
+
+    height: int
+    width: int
+    K: list[list[float]]
+    """3x3, pixels, pixel centres at .5."""
+    depth_unit_m: float
+    """Stored depth times this is metres."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Manifest:
+    """The content of ``dataset.json``."""
+
+    schema_version: int = SCHEMA_VERSION
+    generator: str
+    """Program and version."""
+    fingerprint: str
+    """SHA-256 over config, generator and renderer: equal fingerprints, equal shards."""
+    renderer: str
+    config: dict[str, Any]
+    camera: CameraRecord
+    categories: dict[str, int]
+    """Visible instances by category, over all frames."""
+    splits: dict[Split, SplitRecord]
+    frames: int
+    objects: int
+    captions: int
+    shards: list[ShardRecord]
+
+
+for _cls in (ShardRecord, SplitRecord, CameraRecord, Manifest):
+    _cls.__pydantic_config__ = ConfigDict(extra="forbid")  # pyright: ignore[reportAttributeAccessIssue]
+_ADAPTER = TypeAdapter(Manifest)
+
+
+def write_manifest(folder: Path, manifest: Manifest) -> None:
+    """Write ``dataset.json``, which makes the dataset complete."""
+    atomic.write_json(folder / MANIFEST_FILE, dataclasses.asdict(manifest))
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """Read and check ``dataset.json``.
+
+    Raises:
+        ValueError: If ``folder`` is missing, holds no finished dataset, or one this program cannot read.
+    """
+    if not folder.is_dir():
+        raise ValueError(f"no dataset at {str(folder)!r}: the folder does not exist")
+    path = folder / MANIFEST_FILE
+    if not path.is_file():
+        raise ValueError(f"no finished dataset at {str(folder)!r}: it has no {MANIFEST_FILE}")
+    text = path.read_bytes()
+    version = _schema_version(text)
+    if version != SCHEMA_VERSION:
+        raise ValueError(f"{path}: dataset schema version {version}; this program reads {SCHEMA_VERSION}")
+    try:
+        manifest: Manifest = _ADAPTER.validate_json(text)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(p) for p in first["loc"]) or "the document"
+        raise ValueError(f"{path}: {where}: {first['msg']}") from error
+    for shard in manifest.shards:
+        if not re.fullmatch(SHARD_PATTERN, shard.path):
+            raise ValueError(f"{path}: shard path {shard.path!r} is not of the form train/train-000000.tar")
+    return manifest
+
+
+def _schema_version(text: bytes) -> Any:  # noqa: ANN401
+    try:
+        document = json.loads(text)
+    except ValueError:
+        return None
+    return document.get("schema_version") if isinstance(document, dict) else None
