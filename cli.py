@@ -11,13 +11,14 @@ import logging
 import os
 import sys
 import time
+import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import typer
 
-from langwm_data.config_io import ConfigError, load_config, merge, parse_assignment
+from langwm_data.config_io import load_config, merge, parse_assignment
 
 app = typer.Typer(
     name="langwm",
@@ -175,7 +176,9 @@ def run(arguments: list[str]) -> int:
         return int(app(args=arguments, prog_name="langwm", standalone_mode=False) or 0)
     except _UsageError as error:
         return _fail(error.format_message(), 2)  # pyright: ignore[reportAttributeAccessIssue]
-    except ConfigError as error:
+    except ValueError as error:
+        if not _is_ours(error):
+            raise
         return _fail(str(error), 2)
     except OSError as error:
         return _fail(_explain_os_error(error), 1)
@@ -194,6 +197,13 @@ def _load(cls: type[T], package: str, presets: list[str], assignments: list[str]
 def _fail(message: str, code: int) -> int:
     typer.echo(f"langwm: {' '.join(message.split())}", err=True)
     return code
+
+
+def _is_ours(error: ValueError) -> bool:
+    """Whether our own code raised it: then it is a sentence for the user, else a mistake of ours."""
+    frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
+    raiser = frames[-1].f_globals.get("__name__", "")
+    return raiser.partition(".")[0] in {"langwm_data", "pretrain", "agent", "cli"}
 
 
 def _explain_os_error(error: OSError) -> str:

@@ -1,0 +1,100 @@
+"""Pictures for reports: learning curves and top-down trajectories, as self-contained image addresses."""
+
+import base64
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import matplotlib as mpl
+import numpy as np
+from jaxtyping import Float, UInt8
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Polygon
+
+INK, SOFT, LINE, ACCENT, WARM = "#1d2430", "#5c6675", "#d9dee6", "#1f6f8b", "#c8553d"
+FLOOR, WALL, FURNITURE = "#f5f7fa", "#3b4350", "#c9d2de"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curve:
+    """One line of a plot."""
+
+    name: str
+    steps: Sequence[float]
+    values: Sequence[float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Walk:
+    """One episode on a floor plan."""
+
+    positions: Float[np.ndarray, "T 2"]
+    goal: tuple[float, float]
+    is_success: bool
+
+
+def image_address(rgb: UInt8[np.ndarray, "H W 3"]) -> str:
+    """An image as a PNG ``data:`` address."""
+    is_written, data = cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
+    assert is_written
+    return "data:image/png;base64," + base64.b64encode(data.tobytes()).decode()
+
+
+def curve_figure(panels: Mapping[str, Sequence[Curve]], x_label: str) -> str:
+    """Small plots side by side, one for each title; returns an SVG ``data:`` address."""
+    columns = min(3, len(panels))
+    rows = -(-len(panels) // columns)
+    figure = Figure(figsize=(3.4 * columns, 2.4 * rows), layout="constrained")
+    axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
+    for ax, (title, curves) in zip(axes, panels.items(), strict=False):
+        _draw_curves(ax, title, curves, x_label)
+    for ax in axes[len(panels) :]:
+        ax.set_axis_off()
+    return _svg(figure)
+
+
+def _draw_curves(ax: Axes, title: str, curves: Sequence[Curve], x_label: str) -> None:
+    colors = (ACCENT, WARM, SOFT, "#7a9e4f")
+    for curve, color in zip(curves, colors, strict=False):
+        ax.plot(curve.steps, curve.values, color=color, linewidth=1.4, label=curve.name)
+    ax.set_title(title, fontsize=9, color=INK, loc="left")
+    ax.set_xlabel(x_label, fontsize=8, color=SOFT)
+    ax.tick_params(labelsize=7, colors=SOFT)
+    ax.grid(color=LINE, linewidth=0.6)
+    for side in ("top", "right"):
+        ax.spines[side].set_visible(False)
+    if len(curves) > 1:
+        ax.legend(fontsize=7, frameon=False)
+
+
+def map_figure(plan: Sequence[tuple[str, Any]], walks: Sequence[Walk]) -> str:
+    """Trajectories on a floor plan seen from above; returns an SVG ``data:`` address.
+
+    Args:
+        plan: What ``floor_plan`` returns: (kind, polygon in metres) in drawing order.
+        walks: Episodes; a dot marks the start, a ring of 0.36 m the goal.
+    """
+    figure = Figure(figsize=(4.0, 3.4), layout="constrained")
+    ax = figure.subplots()
+    for kind, polygon in plan:
+        color = {"floor": FLOOR, "wall": WALL}.get(kind, FURNITURE)
+        ax.add_patch(Polygon(np.asarray(polygon), closed=True, facecolor=color, edgecolor="none"))
+    for walk in walks:
+        color = ACCENT if walk.is_success else WARM
+        ax.plot(*walk.positions.T, color=color, linewidth=1.3)
+        ax.plot(*walk.positions[0], "o", color=color, markersize=3)
+        ax.add_patch(Circle(walk.goal, 0.36, facecolor="none", edgecolor=color, linewidth=1.0))
+    ax.autoscale_view()
+    ax.set_aspect("equal")
+    ax.set_axis_off()
+    return _svg(figure)
+
+
+def _svg(figure: Figure) -> str:
+    buffer = io.BytesIO()
+    with mpl.rc_context({"svg.hashsalt": "langwm"}):
+        figure.savefig(buffer, format="svg", metadata={"Date": None})
+    return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode()
