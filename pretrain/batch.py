@@ -1,0 +1,88 @@
+"""What flows into the autoencoder: frames with their objects, and the tensors made of them.
+
+Data only. ``FrameBatch`` is what shards and replay provide; ``MAEBatch`` is what the network reads.
+"""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, UInt8
+from torch import Tensor
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameObject:
+    """One object worth a caption, as seen in one frame. Surfaces and tiny objects are left out."""
+
+    category: str
+    bbox_xyxy: tuple[float, float, float, float]
+    """Pixel edges: x1 <= x < x2."""
+    center_x: float
+    """Of the object's mask, in pixels."""
+    distance_m: float
+    """Mean z-depth over the mask."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameBatch:
+    """Frames as they were seen, before anything is augmented or hidden."""
+
+    rgb: UInt8[np.ndarray, "B H W 3"]
+    depth: Float[np.ndarray, "B H W"]
+    """Metres, 0 where invalid."""
+    objects: list[list[FrameObject]]
+    """Per frame, the objects that may be hidden."""
+    reward: Float[np.ndarray, " B"]
+    has_reward: Bool[np.ndarray, " B"]
+    """False for frames that nobody acted in: rendered datasets."""
+
+    def __len__(self) -> int:
+        return len(self.rgb)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TextTokens:
+    """Captions as the frozen text encoder gives them: words, then one pooled token."""
+
+    embed: Float[Tensor, "B L D_text"]
+    attend: Bool[Tensor, "B L"]
+    """False for padding."""
+
+    def to(self, device: torch.device | str) -> Self:
+        """The same on another device."""
+        return type(self)(embed=self.embed.to(device), attend=self.attend.to(device))
+
+
+@dataclass(frozen=True, kw_only=True)
+class MAEBatch:
+    """One batch for the autoencoder, after augmentation."""
+
+    rgb: UInt8[Tensor, "B H W 3"]
+    is_hidden: Bool[Tensor, "B H W"]
+    """Pixels behind the boxes of hidden objects."""
+    depth: Float[Tensor, "B H W"]
+    """Metres, 0 where invalid; never hidden."""
+    text: TextTokens
+    captions: tuple[str, ...]
+    is_truncated: Bool[Tensor, " B"]
+    """Whether the caption was longer than the language tokens."""
+    reward: Float[Tensor, " B"]
+    has_reward: Bool[Tensor, " B"]
+
+    def __len__(self) -> int:
+        return len(self.captions)
+
+    def to(self, device: torch.device | str) -> Self:
+        """The same on another device."""
+        return type(self)(
+            rgb=self.rgb.to(device),
+            is_hidden=self.is_hidden.to(device),
+            depth=self.depth.to(device),
+            text=self.text.to(device),
+            captions=self.captions,
+            is_truncated=self.is_truncated.to(device),
+            reward=self.reward.to(device),
+            has_reward=self.has_reward.to(device),
+        )

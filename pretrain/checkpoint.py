@@ -1,0 +1,73 @@
+"""Checkpoints: folders that count only once their ``done`` marker exists.
+
+Owns names, atomic writing and safe reading. What a checkpoint holds is the training loop's affair:
+tensors, numbers, strings, lists and dicts. Nothing else is ever unpickled.
+"""
+
+import pickle
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from langwm_data import atomic
+
+CHECKPOINTS = "checkpoints"
+SCHEMA_VERSION = 1
+_STATE = "state.pt"
+_DONE = "done"
+
+
+def save_checkpoint(run: Path, step: int, state: Mapping[str, Any], *, keep: int = 2) -> Path:
+    """Write ``RUN/checkpoints/step-<step>/`` and remove all but the last ``keep`` checkpoints.
+
+    Args:
+        run: Folder of the run.
+        step: Steps done so far; names the folder.
+        state: Everything needed to go on exactly.
+        keep: Complete checkpoints that stay.
+    """
+    folder = run / CHECKPOINTS / f"step-{step:09d}"
+    if folder.exists():
+        (folder / _DONE).unlink(missing_ok=True)
+        shutil.rmtree(folder)
+    with atomic.atomic_path(folder / _STATE) as temporary:
+        torch.save({"schema_version": SCHEMA_VERSION, "step": step, "state": dict(state)}, temporary)
+    atomic.write_text(folder / _DONE, "")
+    for old in _complete(run)[:-keep]:
+        (old / _DONE).unlink()
+        shutil.rmtree(old)
+    return folder
+
+
+def latest_checkpoint(run: Path) -> Path | None:
+    """The last complete checkpoint of ``run``, if there is one."""
+    folders = _complete(run)
+    return folders[-1] if folders else None
+
+
+def load_checkpoint(folder: Path, device: str | torch.device = "cpu") -> tuple[int, dict[str, Any]]:
+    """The step and the state that ``save_checkpoint`` wrote.
+
+    Raises:
+        ValueError: If the file is damaged, of another schema version, or not one of ours.
+    """
+    path = folder / _STATE
+    try:
+        held = torch.load(path, map_location=device, weights_only=True)
+    except (OSError, RuntimeError, EOFError, pickle.UnpicklingError) as error:
+        raise ValueError(
+            f"checkpoint {path} cannot be read; remove its folder to use the one before"
+        ) from error
+    version = held.get("schema_version") if isinstance(held, dict) else None
+    if version != SCHEMA_VERSION:
+        raise ValueError(
+            f"checkpoint {path} has schema version {version}; this program reads {SCHEMA_VERSION}"
+        )
+    return held["step"], held["state"]
+
+
+def _complete(run: Path) -> list[Path]:
+    return sorted(done.parent for done in (run / CHECKPOINTS).glob(f"step-*/{_DONE}"))

@@ -1,0 +1,248 @@
+"""The language-grounded masked autoencoder: Eq. 3 from the hidden objects to depth and reward.
+
+Owns the network and its file. Which objects are hidden and what is said about them is decided in
+``object_masking``; captions become embeddings in ``language``; losses stand in ``losses``.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import torch
+from einops import rearrange
+from jaxtyping import Bool, Float, Int, UInt8
+from torch import Tensor, nn
+
+from pretrain.batch import MAEBatch, TextTokens
+from pretrain.config import MAEConfig, TextConfig
+from pretrain.model_file import load_model_file, save_model_file
+from pretrain.transformer import Transformer, grid_positions, sincos_2d
+
+IMAGENET_MEAN = (0.485, 0.456, 0.406)
+IMAGENET_STD = (0.229, 0.224, 0.225)
+INIT_STD = 0.02
+"""Of learned tokens. Source: MAE."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MAEOutput:
+    """What the autoencoder predicts."""
+
+    depth: Float[Tensor, "B H W"]
+    """In units of ``MAEConfig.max_depth_m``."""
+    reward: Float[Tensor, " B"]
+    """In the units of ``MAEConfig.reward_loss``."""
+    is_token_masked: Bool[Tensor, "B N"]
+    """True = removed before the encoder."""
+
+
+def random_masking(
+    batch_size: int, num_patches: int, num_kept: int, generator: torch.Generator
+) -> tuple[Int[Tensor, "B M"], Int[Tensor, "B N"]]:
+    """Choose the visual tokens that stay, for each image on its own.
+
+    Returns:
+        ``ids_keep``, the tokens that stay, and ``ids_restore``, which puts kept and then removed
+        tokens back into their order.
+
+    Source: Eq. 1 (row 2); MAE (random_masking).
+    """
+    noise = torch.rand(batch_size, num_patches, generator=generator, device=generator.device)
+    ids_shuffle = noise.argsort(dim=1)
+    return ids_shuffle[:, :num_kept], ids_shuffle.argsort(dim=1)
+
+
+def _take(tokens: Float[Tensor, "B N D"], ids: Int[Tensor, "B M"]) -> Float[Tensor, "B M D"]:
+    return tokens.gather(1, ids[..., None].expand(-1, -1, tokens.shape[-1]))
+
+
+class EarlyConvolutions(nn.Sequential):
+    """Convolutions of stride 2, then one token per cell (a patchify layer of patch size 1).
+
+    Source: Eq. 3 (row 2), Sec. 4.1, Table 2. "SAME" padding of a kernel of 4 at stride 2 is 1.
+    """
+
+    def __init__(self, channels: Sequence[int], dim: int) -> None:
+        layers: list[nn.Module] = []
+        for before, after in zip((3, *channels[:-1]), channels, strict=True):
+            layers += [nn.Conv2d(before, after, kernel_size=4, stride=2, padding=1), nn.ELU()]
+        super().__init__(*layers, nn.Conv2d(channels[-1], dim, kernel_size=1))
+
+
+class LanguageGroundedMAE(nn.Module):
+    """RGB with hidden objects and a caption in; depth of the whole frame and reward out.
+
+    Args:
+        config: Sizes.
+        text: Which text encoder the captions come from; kept with the weights.
+        null_text: Embedding of the empty caption, one row; kept with the weights, so that ``encode``
+            never needs the text encoder.
+    """
+
+    patch_position: Tensor
+    reward_position: Tensor
+    pixel_mean: Tensor
+    pixel_std: Tensor
+    null_embed: Tensor
+    null_attend: Tensor
+
+    def __init__(self, config: MAEConfig, text: TextConfig, null_text: TextTokens) -> None:
+        super().__init__()
+        self.config = config
+        self.text = text
+        dim = config.dim
+        self.convolutions = EarlyConvolutions(config.conv_channels, dim)
+        self.text_proj = nn.Linear(null_text.embed.shape[-1], dim)
+        self.cls_token = _token(dim)
+        self.mask_token = _token(dim)
+        self.reward_token = _token(dim)
+        self.image_modality = _token(dim)
+        self.text_modality = _token(dim)
+        self.pooled_modality = _token(dim)
+        self.encoder = _make_transformer(config, config.encoder_layers)
+        self.decoder_embed = nn.Linear(dim, dim)
+        self.decoder = _make_transformer(config, config.decoder_layers)
+        self.depth_head = nn.Linear(dim, config.patch_px**2)
+        self.reward_head = nn.Linear(dim, 1)
+
+        rows, columns = (torch.tensor([size]) for size in config.grid)
+        self._constant("patch_position", grid_positions(config.grid, dim))
+        self._constant("reward_position", sincos_2d(rows, columns, dim))
+        self._constant("pixel_mean", torch.tensor(IMAGENET_MEAN)[:, None, None])
+        self._constant("pixel_std", torch.tensor(IMAGENET_STD)[:, None, None])
+        self.register_buffer("null_embed", null_text.embed[:1].float().clone())
+        self.register_buffer("null_attend", null_text.attend[:1].clone())
+
+    def _constant(self, name: str, value: Tensor) -> None:
+        self.register_buffer(name, value, persistent=False)
+
+    @property
+    def device(self) -> torch.device:
+        """Where the weights are."""
+        return self.cls_token.device
+
+    def null_text(self, batch_size: int) -> TextTokens:
+        """The empty caption, once for each image."""
+        return TextTokens(
+            embed=self.null_embed.expand(batch_size, -1, -1),
+            attend=self.null_attend.expand(batch_size, -1),
+        )
+
+    def patchify(
+        self, rgb: UInt8[Tensor, "B H W 3"], is_hidden: Bool[Tensor, "B H W"] | None = None
+    ) -> Float[Tensor, "B N D"]:
+        """Pixels to visual tokens with positions; hidden pixels take the ImageNet mean.
+
+        Source: Eq. 3 (rows 1 and 2).
+        """
+        pixels = (rearrange(rgb, "b h w c -> b c h w").float() / 255 - self.pixel_mean) / self.pixel_std
+        if is_hidden is not None:
+            pixels = pixels.masked_fill(is_hidden[:, None], 0.0)
+        tokens = rearrange(self.convolutions(pixels), "b d h w -> b (h w) d")
+        assert tokens.shape[1] == self.config.num_patches
+        return tokens + self.patch_position + self.image_modality
+
+    def encode_tokens(self, visual: Float[Tensor, "B M D"], text: TextTokens) -> Float[Tensor, "B 1+M D"]:
+        """CLS, visual and language tokens through the encoder; language is sliced off again.
+
+        Source: Eq. 3 (rows 5 to 7).
+        """
+        batch_size, num_visual = visual.shape[:2]
+        cls = self.cls_token.expand(batch_size, 1, -1)
+        language = self.text_proj(text.embed)
+        words, pooled = language[:, :-1] + self.text_modality, language[:, -1:] + self.pooled_modality
+        attend = torch.cat([text.attend.new_ones(batch_size, 1 + num_visual), text.attend], dim=1)
+        tokens = self.encoder(torch.cat([cls, visual, words, pooled], dim=1), attend)
+        return tokens[:, : 1 + num_visual]
+
+    def decode_tokens(
+        self, tokens: Float[Tensor, "B 1+M D"], ids_restore: Int[Tensor, "B N"]
+    ) -> tuple[Float[Tensor, "B H W"], Float[Tensor, " B"]]:
+        """Fill the gaps with mask tokens, append the reward token, and read depth and reward.
+
+        Source: Eq. 3 (row 8). The reward token has its own head, unlike in MWM's code (decision 33).
+        """
+        tokens = self.decoder_embed(tokens)
+        batch_size, num_patches = ids_restore.shape
+        gaps = self.mask_token.to(tokens.dtype).expand(batch_size, num_patches + 1 - tokens.shape[1], -1)
+        visual = _take(torch.cat([tokens[:, 1:], gaps], dim=1), ids_restore) + self.patch_position
+        reward = (self.reward_token + self.reward_position).expand(batch_size, 1, -1)
+        tokens = self.decoder(torch.cat([tokens[:, :1], visual, reward], dim=1))
+        rows, columns = self.config.grid
+        depth = rearrange(
+            self.depth_head(tokens[:, 1:-1]),
+            "b (r c) (y x) -> b (r y) (c x)",
+            r=rows,
+            c=columns,
+            y=self.config.patch_px,
+        )
+        return depth.float(), self.reward_head(tokens[:, -1])[:, 0].float()
+
+    def forward(self, batch: MAEBatch, generator: torch.Generator) -> MAEOutput:
+        """Predict depth and reward from a batch, dropping visual tokens at ``mask_ratio``.
+
+        Args:
+            batch: On the device of the weights.
+            generator: Draws the token masks; on the CPU, so that every device drops the same tokens.
+        """
+        visual = self.patchify(batch.rgb, batch.is_hidden)
+        num_images, num_patches = visual.shape[:2]
+        num_kept = self.config.num_kept
+        ids_keep, ids_restore = random_masking(num_images, num_patches, num_kept, generator)
+        ids_keep, ids_restore = ids_keep.to(visual.device), ids_restore.to(visual.device)
+        tokens = self.encode_tokens(_take(visual, ids_keep), batch.text)
+        depth, reward = self.decode_tokens(tokens, ids_restore)
+        return MAEOutput(depth=depth, reward=reward, is_token_masked=ids_restore >= num_kept)
+
+    @torch.no_grad()
+    def encode(self, rgb: UInt8[Tensor, "B H W 3"]) -> Float[Tensor, "B 1+N D"]:
+        """Features of frames for the world model: CLS first, then one token per cell of the grid.
+
+        Nothing is hidden or dropped, the caption is empty, dropout is off: the same frames give the
+        same bytes.
+
+        Raises:
+            ValueError: If the frames are not of the size this model was trained on.
+        """
+        expected = (self.config.height, self.config.width, 3)
+        if tuple(rgb.shape[1:]) != expected:
+            raise ValueError(f"frames of shape {tuple(rgb.shape[1:])}; this model reads {expected}")
+        was_training = self.training
+        self.eval()
+        try:
+            return self.encode_tokens(self.patchify(rgb), self.null_text(len(rgb))).float()
+        finally:
+            self.train(was_training)
+
+    def save_pretrained(self, folder: Path) -> None:
+        """Write ``config.json`` and ``model.safetensors``."""
+        save_model_file(folder, self.config, self.text, self.state_dict())
+
+    @classmethod
+    def from_pretrained(cls, folder: Path | str) -> Self:
+        """Read what ``save_pretrained`` wrote, from its folder or from the run that holds it.
+
+        Raises:
+            ValueError: If there is no model, or it is damaged or of another architecture.
+        """
+        config, text, tensors = load_model_file(Path(folder))
+        null = TextTokens(embed=tensors["null_embed"], attend=tensors["null_attend"])
+        model = cls(config, text, null)
+        model.load_state_dict(tensors)
+        return model.eval()
+
+
+def _token(dim: int) -> nn.Parameter:
+    return nn.Parameter(torch.randn(dim) * INIT_STD)
+
+
+def _make_transformer(config: MAEConfig, num_layers: int) -> Transformer:
+    return Transformer(
+        config.dim,
+        num_layers,
+        config.num_heads,
+        mlp_ratio=config.mlp_ratio,
+        dropout=config.dropout,
+        eps=config.layer_norm_eps,
+    )

@@ -1,0 +1,57 @@
+"""The folder in which a pretrained autoencoder is handed on: ``config.json``, ``model.safetensors``.
+
+Safetensors and JSON only: reading a model never runs code from it.
+"""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
+from torch import Tensor
+
+from langwm_data import atomic
+from langwm_data.config_io import ConfigError, build_config, config_to_dict
+from pretrain.config import MAEConfig, TextConfig
+
+SCHEMA_VERSION = 1
+MODEL_FOLDER = "model"
+_CONFIG = "config.json"
+_WEIGHTS = "model.safetensors"
+
+
+def save_model_file(folder: Path, mae: MAEConfig, text: TextConfig, tensors: Mapping[str, Tensor]) -> None:
+    """Write both files, the weights first: a config stands for weights that are there."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / _CONFIG).unlink(missing_ok=True)
+    with atomic.atomic_path(folder / _WEIGHTS) as temporary:
+        save_file({name: t.detach().cpu().contiguous() for name, t in tensors.items()}, temporary)
+    held = {"schema_version": SCHEMA_VERSION, "mae": config_to_dict(mae), "text": config_to_dict(text)}
+    atomic.write_json(folder / _CONFIG, held)
+
+
+def load_model_file(folder: Path) -> tuple[MAEConfig, TextConfig, dict[str, Tensor]]:
+    """Read both files of ``folder``, or of the ``model`` folder inside it.
+
+    Raises:
+        ValueError: If they are missing, damaged, or of another schema version.
+    """
+    if (folder / MODEL_FOLDER / _CONFIG).is_file():
+        folder = folder / MODEL_FOLDER
+    if not (folder / _CONFIG).is_file():
+        raise ValueError(f"{str(folder)!r} holds no pretrained autoencoder ({_CONFIG} and {_WEIGHTS})")
+    try:
+        held = json.loads((folder / _CONFIG).read_text("utf-8"))
+        version = held["schema_version"]
+        if version != SCHEMA_VERSION:
+            raise ValueError(
+                f"{folder / _CONFIG} has schema version {version}; this program reads {SCHEMA_VERSION}"
+            )
+        mae, text = build_config(MAEConfig, held["mae"]), build_config(TextConfig, held["text"])
+    except (json.JSONDecodeError, KeyError, TypeError, ConfigError) as error:
+        raise ValueError(f"{folder / _CONFIG} does not describe a pretrained autoencoder: {error}") from error
+    try:
+        return mae, text, load_file(folder / _WEIGHTS)
+    except (OSError, SafetensorError) as error:
+        raise ValueError(f"{folder / _WEIGHTS} cannot be read: {error}") from error
