@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+
 from langwm_data.scenes.spec import MaterialRef, MaterialSlot, SceneSpec
 from langwm_data.scenes.splits import (
     BUILDINGS,

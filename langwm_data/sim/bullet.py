@@ -1,0 +1,42 @@
+"""PyBullet, imported when first needed and without its chatter on the terminal."""
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import ModuleType
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Send what C code writes to standard output and error nowhere; Python's own output is flushed first."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    kept = os.dup(1), os.dup(2)
+    null = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(null, 1)
+        os.dup2(null, 2)
+        yield
+    finally:
+        for number, copy in zip((1, 2), kept, strict=True):
+            os.dup2(copy, number)
+            os.close(copy)
+        os.close(null)
+
+
+def import_pybullet() -> ModuleType:
+    """The ``pybullet`` module.
+
+    Raises:
+        ValueError: If it is not installed, which it cannot be on Python 3.12 and later.
+    """
+    try:
+        with quiet():
+            import pybullet
+    except ImportError as error:
+        version = f"{sys.version_info.major}.{sys.version_info.minor}"
+        raise ValueError(
+            f"this needs the package pybullet, which has wheels up to Python 3.11; this is Python {version}"
+        ) from error
+    return pybullet

@@ -1,0 +1,228 @@
+"""From scene parts to triangles that any renderer can draw: vertices, normals, metric texture coordinates.
+
+NumPy only. Which texture goes on a mesh, and how large one tile of it is, is the renderer's business.
+"""
+
+import math
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from langwm_data.scenes.spec import IDENTITY, PartSpec, Quat, SceneSpec, Vec3
+
+MAX_CHORD_ERROR_M = 0.003
+"""How far a round side may lie inside the true circle."""
+MIN_SEGMENTS, MAX_SEGMENTS = 8, 32
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int32]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mesh:
+    """Triangles, counter-clockwise seen from outside."""
+
+    vertices: Floats
+    """(V, 3), metres."""
+    normals: Floats
+    """(V, 3), unit length, outward."""
+    uvs: Floats
+    """(V, 2), metres along the surface: u to the right, v upwards, seen from outside; may be negative."""
+    triangles: Ints
+    """(T, 3), indices of vertices."""
+
+    def transformed(self, position: Vec3, orientation: Quat) -> "Mesh":
+        """The mesh moved rigidly; texture coordinates go along with it."""
+        rotation = rotation_matrix(orientation)
+        return Mesh(
+            vertices=self.vertices @ rotation.T + position,
+            normals=self.normals @ rotation.T,
+            uvs=self.uvs,
+            triangles=self.triangles,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeshGroup:
+    """What one instance shows of one material slot, in world coordinates."""
+
+    instance: int
+    slot: int
+    mesh: Mesh
+
+
+def scene_groups(scene: SceneSpec) -> list[MeshGroup]:
+    """All triangles of a scene, one group for each pair of instance and slot, in a fixed order."""
+    surfaces = {s.instance for s in scene.surfaces}
+    meshes: defaultdict[tuple[int, int], list[Mesh]] = defaultdict(list)
+    for instance, position, orientation, part in scene.iter_parts():
+        mesh = part_mesh(part, along_grain=instance not in surfaces)
+        meshes[instance, part.slot].append(mesh.transformed(position, orientation))
+    return [MeshGroup(instance=i, slot=s, mesh=concatenate(meshes[i, s])) for i, s in sorted(meshes)]
+
+
+def part_mesh(part: PartSpec, *, along_grain: bool = False) -> Mesh:
+    """One part as triangles in the frame of its owner.
+
+    Args:
+        part: The primitive.
+        along_grain: Turn texture coordinates so that u runs along the longer side of each face, as
+            wood is cut; otherwise v points up on upright faces, as walls are built.
+    """
+    if part.shape == "box":
+        # The part's place in its owner sets the phase, so that textures run on across coplanar pieces.
+        offset = rotation_matrix(part.orientation).T @ np.asarray(part.position)
+        mesh = _box(part.size, offset, along_grain=along_grain)
+    elif part.shape == "ellipsoid":
+        mesh = _ellipsoid(part.size)
+    else:
+        taper = part.taper if part.shape == "frustum" else 1.0
+        mesh = _frustum(part.size, taper, along_grain=along_grain)
+    return mesh.transformed(part.position, part.orientation)
+
+
+def concatenate(meshes: Sequence[Mesh]) -> Mesh:
+    """Several meshes as one."""
+    starts = np.cumsum([0, *(len(m.vertices) for m in meshes[:-1])])
+    return Mesh(
+        vertices=np.concatenate([m.vertices for m in meshes]),
+        normals=np.concatenate([m.normals for m in meshes]),
+        uvs=np.concatenate([m.uvs for m in meshes]),
+        triangles=np.concatenate(
+            [m.triangles + s for m, s in zip(meshes, starts, strict=True)], dtype=np.int32
+        ),
+    )
+
+
+def rotation_matrix(orientation: Quat) -> Floats:
+    """3x3 rotation of a unit quaternion x, y, z, w."""
+    if orientation == IDENTITY:
+        return np.eye(3)
+    x, y, z, w = np.asarray(orientation) / np.linalg.norm(orientation)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+# For each face of a box: its normal, and the directions of u and v seen from outside.
+_FACES = np.array(
+    [
+        [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+        [[-1, 0, 0], [0, -1, 0], [0, 0, 1]],
+        [[0, 1, 0], [-1, 0, 0], [0, 0, 1]],
+        [[0, -1, 0], [1, 0, 0], [0, 0, 1]],
+        [[0, 0, 1], [1, 0, 0], [0, 1, 0]],
+        [[0, 0, -1], [1, 0, 0], [0, -1, 0]],
+    ],
+    dtype=np.float64,
+)
+_CORNERS = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
+_QUAD = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
+
+
+def _box(size: Vec3, offset: Floats, *, along_grain: bool) -> Mesh:
+    extent = np.asarray(size)
+    vertices, normals, uvs, triangles = [], [], [], []
+    for i, (normal, u, v) in enumerate(_FACES):
+        corners = (normal / 2 + _CORNERS[:, :1] * u + _CORNERS[:, 1:] * v) * extent
+        if along_grain and abs(v) @ extent > abs(u) @ extent:
+            u, v = v, -u
+        vertices.append(corners)
+        normals.append(np.tile(normal, (4, 1)))
+        uvs.append((corners + offset) @ np.stack([u, v], axis=1))
+        triangles.append(_QUAD + 4 * i)
+    return Mesh(
+        vertices=np.concatenate(vertices),
+        normals=np.concatenate(normals),
+        uvs=np.concatenate(uvs),
+        triangles=np.concatenate(triangles, dtype=np.int32),
+    )
+
+
+def _num_segments(radius: float) -> int:
+    if radius <= MAX_CHORD_ERROR_M:
+        return MIN_SEGMENTS
+    exact = math.pi / math.acos(1 - MAX_CHORD_ERROR_M / radius)
+    return min(max(math.ceil(exact), MIN_SEGMENTS), MAX_SEGMENTS)
+
+
+def _circle(num: int) -> Floats:
+    """``num`` + 1 points of the unit circle; the last is the first again, for the seam of the texture."""
+    angle = np.linspace(0, 2 * math.pi, num + 1)
+    angle[-1] = 0.0
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def _grid_triangles(rows: int, columns: int) -> Ints:
+    """Triangles of a grid of (rows + 1) x (columns + 1) vertices, row by row."""
+    r, c = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
+    a = (r * (columns + 1) + c).ravel()
+    d = a + columns + 1
+    return np.concatenate([np.stack([a, a + 1, d + 1], 1), np.stack([a, d + 1, d], 1)]).astype(np.int32)
+
+
+def _frustum(size: Vec3, taper: float, *, along_grain: bool) -> Mesh:
+    half, height = np.asarray(size[:2]) / 2, size[2]
+    num = _num_segments(float(half.max()) * max(1.0, taper))
+    ring = _circle(num)
+    sides = []
+    for scale, z in ((1.0, -height / 2), (taper, height / 2)):
+        sides.append(np.column_stack([ring * half * scale, np.full(num + 1, z)]))
+    slope = (1 - taper) * half.mean() / height
+    normal = np.column_stack([ring / half * half.mean(), np.full(num + 1, slope)])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    arc = np.linspace(0, 2 * math.pi * half.mean() * max(1.0, taper), num + 1)
+    flat = np.concatenate([np.column_stack([arc, np.full(num + 1, z)]) for z in (0.0, height)])
+    if along_grain and height > arc[-1]:
+        flat = np.column_stack([flat[:, 1], -flat[:, 0]])
+    side = Mesh(
+        vertices=np.concatenate(sides),
+        normals=np.tile(normal, (2, 1)),
+        uvs=flat,
+        triangles=_grid_triangles(1, num),
+    )
+    caps = [_cap(ring * half, -height / 2, up=False)]
+    if taper > 0:
+        caps.append(_cap(ring * half * taper, height / 2, up=True))
+    return concatenate([side, *caps])
+
+
+def _cap(ring: Floats, z: float, *, up: bool) -> Mesh:
+    points = ring[:-1]
+    num = len(points)
+    fan = np.stack([np.zeros(num - 2), np.arange(1, num - 1), np.arange(2, num)], axis=1).astype(np.int32)
+    return Mesh(
+        vertices=np.column_stack([points, np.full(num, z)]),
+        normals=np.tile([0.0, 0.0, 1.0 if up else -1.0], (num, 1)),
+        uvs=points * ([1, 1] if up else [1, -1]),
+        triangles=fan if up else fan[:, ::-1].copy(),
+    )
+
+
+def _ellipsoid(size: Vec3) -> Mesh:
+    half = np.asarray(size) / 2
+    columns = _num_segments(float(half.max()))
+    rows = max(columns // 2, 4)
+    ring = _circle(columns)
+    polar = np.linspace(-math.pi / 2, math.pi / 2, rows + 1)
+    unit = np.concatenate(
+        [np.column_stack([ring * math.cos(p), np.full(columns + 1, math.sin(p))]) for p in polar]
+    )
+    normals = unit / half
+    arc = np.linspace(0, 2 * math.pi * half[:2].mean(), columns + 1)
+    uvs = np.concatenate(
+        [np.column_stack([arc, np.full(columns + 1, (p + math.pi / 2) * half.mean())]) for p in polar]
+    )
+    return Mesh(
+        vertices=unit * half,
+        normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
+        uvs=uvs,
+        triangles=_grid_triangles(rows, columns),
+    )
