@@ -3,7 +3,7 @@
 import math
 from dataclasses import field
 from itertools import pairwise
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
@@ -12,6 +12,8 @@ from langwm_data.config_io import config
 
 Positive = Annotated[float, Field(gt=0)]
 PositiveInt = Annotated[int, Field(ge=1)]
+NonNegative = Annotated[float, Field(ge=0)]
+Fraction = Annotated[float, Field(ge=0, le=1)]
 
 
 def _ascending(edges: tuple[float, ...]) -> tuple[float, ...]:
@@ -69,3 +71,106 @@ class ReplayConfig:
     """The oldest episodes leave when the buffer holds more steps than this. Source: Sec. 3.2."""
     prioritize_ends: bool = True
     """Draw chunks that contain an episode's end more often. Source: MWM configs.yaml (rlbench)."""
+
+
+@config
+class PoolingConfig:
+    """Pooling transformer autoencoder over visual and task tokens. Source: Table 3."""
+
+    dim: PositiveInt = 256
+    num_heads: PositiveInt = 4
+    mlp_ratio: PositiveInt = 4
+    num_layers: PositiveInt = 2
+    """Of the encoder and of the decoder."""
+    norm_eps: Positive = 1e-6
+    dropout: Fraction = 0.1
+
+
+@config
+class RSSMConfig:
+    """Sizes of the recurrent state-space model. Source: Table 3."""
+
+    num_latents: PositiveInt = 32
+    num_classes: PositiveInt = 32
+    deter: PositiveInt = 1024
+    """Width of the recurrent state."""
+    hidden: PositiveInt = 1024
+    """Width of the layers around it."""
+
+
+@config
+class MLPConfig:
+    """A perceptron with ELU. Source: Table 3."""
+
+    layers: PositiveInt = 4
+    units: PositiveInt = 400
+
+
+@config
+class LossScales:
+    """Weights of the world model's loss terms; the keys are the terms."""
+
+    token: NonNegative = 1.0
+    """Image tokens from the state. Source: Eq. 5; method notes, decision 17."""
+    pool: NonNegative = 1.0
+    """Image tokens from the average token. Source: Table 3 (decoder input); decision 16."""
+    task: NonNegative = 100.0
+    """Task observation from the state. At 1 the KL term would pay more for these four numbers than
+    their reconstruction returns; 100 keeps them to a tenth of their scale. Source: ours."""
+    reward: NonNegative = 1.0
+    discount: NonNegative = 1.0
+    kl: NonNegative = 1.0
+    """Source: Table 3 (beta)."""
+
+
+@config
+class WorldModelConfig:
+    """World model: pooling, memory, heads and how they are trained."""
+
+    pooling: PoolingConfig = field(default_factory=PoolingConfig)
+    rssm: RSSMConfig = field(default_factory=RSSMConfig)
+    head: MLPConfig = field(default_factory=MLPConfig)
+    """Reward and discount heads."""
+    task: MLPConfig = field(default_factory=lambda: MLPConfig(units=256))
+    """Encoder of the task observation and its mirror. Source: Sec. 3.2; decision 21."""
+    task_scale: tuple[Positive, ...] = (5.0, math.pi, 0.5, math.pi / 2)
+    """Divides the entries of the task observation: metres, radians, m/s, rad/s. Source: ours."""
+    loss_scales: LossScales = field(default_factory=LossScales)
+    kl_balance: Fraction = 0.8
+    """Share of the KL gradient that moves the prior. Source: DreamerV2."""
+    free_nats: NonNegative = 0.01
+    """KL below this is left alone, per step. Source: MWM; decision 18."""
+    reward_transform: Literal["symlog", "identity"] = "symlog"
+    """Space in which the reward is predicted. Source: MWM; ``identity`` is DreamerV2's."""
+    discount: Fraction = 0.99
+    """Gamma: what the discount head predicts for a state that is not terminal. Source: DreamerV2."""
+    learning_rate: Positive = 3e-4
+    """Source: Table 3."""
+
+
+@config
+class BehaviorConfig:
+    """Actor and critic, trained in imagination. Source: Table 3 unless said otherwise."""
+
+    imag_horizon: PositiveInt = 15
+    actor: MLPConfig = field(default_factory=MLPConfig)
+    critic: MLPConfig = field(default_factory=MLPConfig)
+    """Unlisted in the paper; as the actor (decision 25)."""
+    lambda_: Fraction = 0.95
+    """Source: DreamerV2."""
+    entropy_scale: NonNegative = 1e-4
+    """Source: MWM configs.yaml."""
+    actor_learning_rate: Positive = 1e-4
+    critic_learning_rate: Positive = 1e-4
+    slow_critic_every: PositiveInt = 100
+    """Updates between hard copies of the critic into the slow critic."""
+
+
+@config
+class OptimizerConfig:
+    """Adam for world model, actor and critic. Source: Table 3; weight decay DreamerV2 (decoupled)."""
+
+    eps: Positive = 1e-5
+    grad_clip: Positive = 100.0
+    """Largest norm of the gradient."""
+    weight_decay: NonNegative = 1e-6

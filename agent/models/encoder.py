@@ -1,0 +1,68 @@
+"""From image tokens and task observation to one vector per step, and back.
+
+Owns the pooling transformer autoencoder and the task observation's two perceptrons. The image
+tokens come from the MAE and are never changed here.
+"""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from agent.config import MLPConfig, PoolingConfig
+from agent.models.nets import make_linear, make_mlp
+from pretrain.transformer import Transformer
+
+
+class PoolingEncoder(nn.Module):
+    """Transformer over all visual tokens and one task token; its embedding is their mean.
+
+    Source: Table 3 (81 + 1 tokens, 2 layers, 4 heads); Sec. 3.2 (task observation: 4 x 256, ELU).
+    """
+
+    def __init__(self, config: PoolingConfig, task: MLPConfig, visual_dim: int, task_dim: int) -> None:
+        super().__init__()
+        self.visual_in = make_linear(visual_dim, config.dim)
+        self.task_in = make_mlp(task_dim, task.units, task.layers, config.dim)
+        self.transformer = make_transformer(config)
+
+    def forward(self, visual: Float[Tensor, "B N V"], task: Float[Tensor, "B P"]) -> Float[Tensor, "B D"]:
+        """The average token."""
+        tokens = torch.cat([self.visual_in(visual), self.task_in(task)[:, None]], dim=1)
+        return self.transformer(tokens).mean(1)
+
+
+class TokenDecoder(nn.Module):
+    """Transformer from one vector and mask tokens to the image tokens.
+
+    The vector is the average token or the state of the world model: each has a projection of its
+    own, the rest is shared.
+
+    Source: Table 3 (2 layers, decoder input avg(tokens)); MWM (decoding from the state).
+    """
+
+    def __init__(self, config: PoolingConfig, num_tokens: int, visual_dim: int, feat_dim: int) -> None:
+        super().__init__()
+        self.from_average = make_linear(config.dim, config.dim)
+        self.from_state = make_linear(feat_dim, config.dim)
+        self.mask_token = nn.Parameter(0.02 * torch.randn(config.dim))
+        self.pos_embed = nn.Parameter(0.02 * torch.randn(num_tokens, config.dim))
+        self.transformer = make_transformer(config)
+        self.out = make_linear(config.dim, visual_dim)
+
+    def forward(self, vector: Float[Tensor, "B D"]) -> Float[Tensor, "B N V"]:
+        """Image tokens, decoded from a vector that one of the two projections has made."""
+        masked = (self.mask_token + self.pos_embed).expand(len(vector), -1, -1)
+        tokens = self.transformer(torch.cat([vector[:, None], masked], dim=1))
+        return self.out(tokens[:, 1:])
+
+
+def make_transformer(config: PoolingConfig) -> Transformer:
+    """The layers of the encoder or of the decoder."""
+    return Transformer(
+        config.dim,
+        config.num_layers,
+        config.num_heads,
+        mlp_ratio=config.mlp_ratio,
+        dropout=config.dropout,
+        eps=config.norm_eps,
+    )

@@ -1,0 +1,127 @@
+"""The world model: pooled features, memory and heads, and the loss that trains them.
+
+Owns no optimizer and never touches the MAE: image tokens arrive detached.
+"""
+
+import dataclasses
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from agent.config import WorldModelConfig
+from agent.models.distributions import categorical_entropy, symexp, symlog
+from agent.models.encoder import PoolingEncoder, TokenDecoder
+from agent.models.nets import make_mlp
+from agent.models.rssm import RSSM, Latent, balanced_kl
+
+Metrics = dict[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelBatch:
+    """Sequences as the world model sees them. ``action[:, t]`` led to step t, ``reward[:, t]`` came with it."""
+
+    tokens: Float[Tensor, "B T N V"]
+    task: Float[Tensor, "B T P"]
+    action: Float[Tensor, "B T A"]
+    reward: Float[Tensor, "B T"]
+    is_first: Bool[Tensor, "B T"]
+    is_terminal: Bool[Tensor, "B T"]
+
+
+class WorldModel(nn.Module):
+    """Pooling encoder, RSSM, decoders of image tokens and task observation, reward and discount heads.
+
+    Source: Eq. 4, Eq. 5, Table 3.
+    """
+
+    def __init__(
+        self, config: WorldModelConfig, *, num_tokens: int, token_dim: int, task_dim: int, action_dim: int
+    ) -> None:
+        super().__init__()
+        self.config = config
+        pooling, head, task = config.pooling, config.head, config.task
+        self.encoder = PoolingEncoder(pooling, task, token_dim, task_dim)
+        self.rssm = RSSM(config.rssm, pooling.dim, action_dim)
+        feat_dim = self.rssm.feat_dim
+        self.token_decoder = TokenDecoder(pooling, num_tokens, token_dim, feat_dim)
+        self.task_decoder = make_mlp(feat_dim, task.units, task.layers, task_dim)
+        self.reward_head = make_mlp(feat_dim, head.units, head.layers, 1)
+        self.discount_head = make_mlp(feat_dim, head.units, head.layers, 1)
+        self.register_buffer("task_scale", torch.tensor(config.task_scale), persistent=False)
+        self.task_scale: Tensor
+
+    def embed(self, tokens: Float[Tensor, "B N V"], task: Float[Tensor, "B P"]) -> Float[Tensor, "B D"]:
+        """What the RSSM sees of one step; ``task`` in its own units."""
+        return self.encoder(tokens, task / self.task_scale)
+
+    def predict_reward(self, feat: Float[Tensor, "*B F"]) -> Float[Tensor, "*B"]:
+        """Reward for arriving in a state, in the environment's units."""
+        raw = self.reward_head(feat).squeeze(-1)
+        return symexp(raw) if self.config.reward_transform == "symlog" else raw
+
+    def predict_discount(self, feat: Float[Tensor, "*B F"]) -> Float[Tensor, "*B"]:
+        """Gamma where the episode goes on from a state, 0 where it has terminated."""
+        return self.discount_head(feat).squeeze(-1).sigmoid()
+
+
+def world_model_loss(
+    model: WorldModel, batch: ModelBatch, generator: torch.Generator
+) -> tuple[Float[Tensor, ""], Metrics, Latent]:
+    """Weighted sum of the loss terms, each term as a metric, and the posterior states.
+
+    Source: Eq. 5, minimised; method notes, decisions 16 to 18 and 21.
+    """
+    embed = model.embed(batch.tokens.flatten(0, 1), batch.task.flatten(0, 1))
+    post, prior_logit = model.rssm.observe(
+        embed.unflatten(0, batch.reward.shape),
+        batch.action,
+        batch.is_first,
+        model.rssm.initial(len(embed) // batch.reward.shape[1]),
+        generator,
+    )
+    kl_loss, kl = balanced_kl(
+        post.logit, prior_logit, balance=model.config.kl_balance, free_nats=model.config.free_nats
+    )
+    losses = reconstruction_losses(model, batch, embed, post) | {"kl": kl_loss.mean()}
+    scales = dataclasses.asdict(model.config.loss_scales)
+    assert losses.keys() == scales.keys()
+    loss = torch.stack([scales[name] * value for name, value in losses.items()]).sum()
+    metrics = {f"wm/{name}_loss": value.item() for name, value in losses.items()}
+    metrics |= {
+        "wm/loss": loss.item(),
+        "wm/kl": kl.mean().item(),
+        "wm/post_entropy": categorical_entropy(post.logit.detach()).mean().item(),
+        "wm/prior_entropy": categorical_entropy(prior_logit.detach()).mean().item(),
+    }
+    return loss, metrics, post
+
+
+def reconstruction_losses(
+    model: WorldModel, batch: ModelBatch, embed: Float[Tensor, "BT D"], post: Latent
+) -> dict[str, Float[Tensor, ""]]:
+    """What state and average token must tell: image tokens, task observation, reward, discount.
+
+    Squared errors of tokens are summed over channels and averaged over tokens, as MWM's are.
+    """
+    feat, target = post.feat, batch.tokens.flatten(0, 1).detach()
+    decoder, config = model.token_decoder, model.config
+    from_state = decoder(decoder.from_state(feat.flatten(0, 1)))
+    from_average = decoder(decoder.from_average(embed))
+    reward = symlog(batch.reward) if config.reward_transform == "symlog" else batch.reward
+    discount = config.discount * (~batch.is_terminal).to(feat.dtype)
+    return {
+        "token": (from_state - target).square().sum(-1).mean(),
+        "pool": (from_average - target).square().sum(-1).mean(),
+        "task": half_square(model.task_decoder(feat) - batch.task / model.task_scale).sum(-1).mean(),
+        "reward": half_square(model.reward_head(feat).squeeze(-1) - reward).mean(),
+        "discount": F.binary_cross_entropy_with_logits(model.discount_head(feat).squeeze(-1), discount),
+    }
+
+
+def half_square(error: Tensor) -> Tensor:
+    """Negative log density of a unit normal, without its constant."""
+    return 0.5 * error.square()
