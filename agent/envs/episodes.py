@@ -1,0 +1,127 @@
+"""What an episode is, how one is drawn, and the fixed ones that every method is evaluated on."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from agent.config import EnvConfig
+from agent.envs.sites import Site, load_scene
+from langwm_data.scenes.homes import scene_names
+from langwm_data.scenes.spec import SceneSpec, Split
+from langwm_data.seeding import make_rng
+
+EPISODES_VERSION = 1
+"""Raised whenever the fixed episodes of a seed change, so that results are not compared across."""
+GOALS_TRIED = 100
+STARTS_TRIED = 20
+"""Per goal."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Episode:
+    """One task: where to start, where to go, what the place looks like."""
+
+    version: int = EPISODES_VERSION
+    scene: str
+    start_xy: tuple[float, float]
+    """Metres, world frame."""
+    start_yaw: float
+    """Radians, counter-clockwise from +x."""
+    goal_xy: tuple[float, float]
+    palette_seed: int
+    """Seed of the textures."""
+    geodesic_distance: float
+    """Length in metres of the shortest way for the robot from start to goal."""
+    tier: int
+    """Which of ``EnvConfig.distance_edges_m`` the distance lies between, from 0."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON; numbers come back exactly."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """Read back ``to_dict``.
+
+        Raises:
+            ValueError: If the episode is of another version or fields are missing or unknown.
+        """
+        if values.get("version") != EPISODES_VERSION:
+            raise ValueError(
+                f"episode has version {values.get('version')!r}; this program reads {EPISODES_VERSION}"
+            )
+        pairs = {k: tuple(values[k]) for k in ("start_xy", "goal_xy") if k in values}
+        try:
+            return cls(**{**values, **pairs})
+        except TypeError as error:
+            raise ValueError(f"not an episode: {error}") from error
+
+
+def sample_episode(
+    rng: np.random.Generator, site: Site, config: EnvConfig, *, tier: int | None = None
+) -> Episode:
+    """Draw an episode in ``site``.
+
+    The goal is uniform over the free space, the start uniform over what lies within the wanted geodesic
+    distance of it, the yaw uniform. Both poses are free of contact.
+
+    Args:
+        rng: Source of all that is drawn, the texture seed included.
+        site: The scene, ready to drive in.
+        config: Gives the edges of the distance tiers.
+        tier: Stay within this tier; any distance within all of them when None.
+
+    Raises:
+        ValueError: If the scene seems to have no such pair of places.
+    """
+    edges = config.distance_edges_m
+    low, high = (edges[0], edges[-1]) if tier is None else edges[tier : tier + 2]
+    for _ in range(GOALS_TRIED):
+        goal = site.free.sample(rng)
+        if site.world.collides(goal, 0.0):
+            continue
+        field = site.free.distance_field(goal)
+        for _ in range(STARTS_TRIED):
+            start, yaw = site.free.sample(rng), float(rng.uniform(-np.pi, np.pi))
+            distance = float(field.distance(start))
+            if low <= distance < high and not site.world.collides(start, yaw):
+                return Episode(
+                    scene=site.scene.name,
+                    start_xy=(float(start[0]), float(start[1])),
+                    start_yaw=yaw,
+                    goal_xy=(float(goal[0]), float(goal[1])),
+                    palette_seed=int(rng.integers(2**31)),
+                    geodesic_distance=distance,
+                    tier=int(np.searchsorted(edges, distance, side="right")) - 1,
+                )
+    raise ValueError(
+        f"scene {site.scene.name!r}: found no start and goal {low:g} to {high:g} m apart;"
+        " choose other distance_edges_m"
+    )
+
+
+def fixed_episodes(
+    config: EnvConfig, split: Split, per_scene: int, scenes: Iterable[SceneSpec] | None = None
+) -> list[Episode]:
+    """The evaluation episodes: the same list for the same ``config`` and ``split``, on any machine.
+
+    Episode i of a scene depends on ``config.seed_eval``, the scene and i alone and lies in tier i modulo
+    the number of tiers, so a shorter list is the beginning of a longer one.
+
+    Args:
+        config: Scenes, robot, distances and ``seed_eval``.
+        split: Whose scenes.
+        per_scene: Episodes in each of them.
+        scenes: These scenes instead of all homes of the split.
+    """
+    num_tiers = len(config.distance_edges_m) - 1
+    specs = [load_scene(n, config) for n in scene_names(split)] if scenes is None else list(scenes)
+    episodes = []
+    for scene in specs:
+        with Site(scene, config) as site:
+            for i in range(per_scene):
+                rng = make_rng(config.seed_eval, "episode", EPISODES_VERSION, split, scene.name, i)
+                episodes.append(sample_episode(rng, site, config, tier=i % num_tiers))
+    return episodes

@@ -1,0 +1,262 @@
+"""``LangWM/PointNav-v0``: drive to a point in a home, seeing what a camera on the robot sees.
+
+Semantics follow iGibson 1.0's point_nav_random: arriving is detected, there is no stop action; the only
+terminal state is success, running out of time truncates. Reverse driving is allowed, as there.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+from agent.config import EnvConfig
+from agent.envs.episodes import Episode, sample_episode
+from agent.envs.measures import EpisodeMeasures
+from agent.envs.rewards import navigation_reward
+from agent.envs.sites import Site, load_scene
+from langwm_data.labels.instances import is_eligible, label_frame
+from langwm_data.scenes.homes import scene_names
+from langwm_data.scenes.navigation import DistanceField
+from langwm_data.scenes.spec import SceneSpec, Split
+from langwm_data.scenes.splits import sample_palette
+from langwm_data.seeding import make_rng
+from langwm_data.sim.camera import Camera
+from langwm_data.sim.render import Frame, make_renderer
+from langwm_data.sim.world import RobotState
+
+Observation = dict[str, np.ndarray]
+
+
+class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
+    """PointGoal navigation in the homes of one split.
+
+    Observation: ``rgb`` uint8 (H, W, 3); ``depth`` float32 (H, W), z-depth in metres, 0 = nothing hit;
+    ``task`` float32: straight distance to the goal in metres, its bearing in radians (left positive),
+    forward speed in m/s and turning speed in rad/s.
+
+    Action: (v, omega) in [-1, 1], clipped, in units of the config's greatest speeds; v < 0 drives
+    backwards, omega > 0 turns left.
+
+    ``info`` has the same keys after reset and after every step: the measures so far (``success``,
+    ``spl``, ``soft_spl``, ``distance_to_goal``, ``path_length``, ``geodesic_distance``, ``collisions``),
+    ``scene``, ``tier`` and ``pose`` (x, y, yaw); with ``config.with_labels`` also ``instance`` and
+    ``objects``, the eligible objects as dicts of category, bbox_xyxy, center_x and distance_m.
+
+    ``reset(seed=s)`` plays floor number s modulo the number of floors and every reset without a seed the
+    next one, so consecutive seeds visit all floors. ``reset(options={"episode": e})`` plays the given
+    ``Episode``. The same seed or episode and the same actions give bit-equal observations.
+
+    Args:
+        config: Sizes, speeds, rewards, scenes.
+        split: Whose homes and whose textures.
+        scenes: Play in these scenes instead of the homes of the split.
+        render_mode: ``"rgb_array"`` lets ``render`` return the current view.
+
+    Raises:
+        ValueError: If the config asks for goals nearer than the success radius, or ``split``,
+            ``scenes`` or ``render_mode`` is not allowed.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
+
+    def __init__(
+        self,
+        config: EnvConfig | None = None,
+        split: Split = "train",
+        scenes: Sequence[SceneSpec] | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        self.config = config or EnvConfig()
+        _check_arguments(self.config, split, scenes, render_mode)
+        self.split: Split = split
+        self.render_mode = render_mode
+        self._scenes = None if scenes is None else {s.name: s for s in scenes}
+        self.scene_names: tuple[str, ...] = (
+            scene_names(split) if scenes is None else tuple(self._scenes or ())
+        )
+        self._sites: dict[str, Site] = {}
+        self._renderer = make_renderer(self.config.render)
+        self._rendered_scene: str | None = None
+        self._next_floor = 0
+        self._is_running = False
+        self.observation_space = _observation_space(self.config)
+        self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
+        self.episode: Episode
+        self._site: Site
+        self._field: DistanceField
+        self._measures: EpisodeMeasures
+        self._state: RobotState
+        self._yaw: float
+        self._frame: Frame
+        self._num_steps: int
+
+    def reset(
+        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode: a drawn one, or ``options["episode"]`` (an ``Episode`` or its dict).
+
+        Raises:
+            ValueError: If an option is unknown, or the given episode cannot be played here.
+        """
+        super().reset(seed=seed)
+        if seed is not None:
+            self._next_floor = seed % len(self.scene_names)
+        if unknown := set(options or {}) - {"episode"}:
+            raise ValueError(f"reset option {sorted(unknown)[0]!r} is unknown; allowed: 'episode'")
+        given = (options or {}).get("episode")
+        episode = self._draw_episode() if given is None else given
+        self._begin(episode if isinstance(episode, Episode) else Episode.from_dict(episode))
+        return self._observe(), self._info()
+
+    def step(self, action: np.ndarray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Drive for ``config.step_s`` seconds.
+
+        Raises:
+            ResetNeeded: If no episode is running.
+            ValueError: If the action is not two finite numbers.
+        """
+        if not self._is_running:
+            raise gymnasium.error.ResetNeeded("the episode is over or was never begun; call reset() first")
+        values = np.asarray(action, dtype=np.float64)
+        if values.shape != (2,) or not np.isfinite(values).all():
+            raise ValueError(f"action {action!r} is not allowed; give two finite numbers, v and omega")
+        config = self.config
+        linear, angular = np.clip(values, -1.0, 1.0) * (config.max_linear_m_s, config.max_angular_rad_s)
+        before = self._measures.distance_to_goal
+        self._state = self._site.world.step(float(linear), float(angular), config.step_s)
+        terminated = self._distance() < config.success_radius_m
+        self._num_steps += 1
+        truncated = not terminated and self._num_steps >= config.max_steps
+        self._is_running = not (terminated or truncated)
+        self._measures.update(
+            self._state.xy,
+            float(self._field.distance(self._state.xy)),
+            is_collision=self._state.is_collision,
+            is_success=terminated,
+        )
+        reward = navigation_reward(
+            config.reward,
+            progress_m=before - self._measures.distance_to_goal,
+            is_collision=self._state.is_collision,
+            is_success=terminated,
+        )
+        return self._observe(), reward, terminated, truncated, self._info()
+
+    def render(self) -> np.ndarray | None:
+        """The current view, (H, W, 3) uint8; None without a render mode."""
+        return self._frame.rgb if self.render_mode == "rgb_array" else None
+
+    def close(self) -> None:
+        """Free the renderer and every physics client. The environment cannot be used afterwards."""
+        self._is_running = False
+        self._renderer.close()
+        for site in self._sites.values():
+            site.close()
+        self._sites.clear()
+
+    def _draw_episode(self) -> Episode:
+        name = self.scene_names[self._next_floor]
+        self._next_floor = (self._next_floor + 1) % len(self.scene_names)
+        return sample_episode(self.np_random, self._get_site(name), self.config)
+
+    def _get_site(self, name: str) -> Site:
+        if name not in self._sites:
+            scene = load_scene(name, self.config) if self._scenes is None else self._scenes[name]
+            self._sites[name] = Site(scene, self.config)
+        return self._sites[name]
+
+    def _begin(self, episode: Episode) -> None:
+        if episode.scene not in self.scene_names:
+            known = ", ".join(self.scene_names)
+            raise ValueError(f"episode plays in scene {episode.scene!r}; this environment has {known}")
+        self.episode = episode
+        self._site = self._get_site(episode.scene)
+        self._field = self._site.free.distance_field(episode.goal_xy)
+        distance = float(self._field.distance(episode.start_xy))
+        if not math.isfinite(distance):
+            raise ValueError(f"episode in scene {episode.scene!r}: no way leads from its start to its goal")
+        self._show_scene(episode)
+        self._state = self._site.world.reset(episode.start_xy, episode.start_yaw)
+        self._measures = EpisodeMeasures(
+            geodesic_distance=distance, position=episode.start_xy, distance_to_goal=distance
+        )
+        self._num_steps = 0
+        self._is_running = True
+
+    def _show_scene(self, episode: Episode) -> None:
+        scene = self._site.scene
+        if self._rendered_scene != scene.name:
+            self._renderer.load(scene)
+            self._rendered_scene = scene.name
+        rng = make_rng(episode.palette_seed, "palette")
+        self._renderer.set_palette(sample_palette(rng, scene.slots, self.split))
+
+    def _distance(self) -> float:
+        """Straight distance to the goal, metres."""
+        return math.dist(self._state.xy, self.episode.goal_xy)
+
+    def _observe(self) -> Observation:
+        state, goal = self._state, self.episode.goal_xy
+        camera = Camera.on_robot(self.config.camera, state.xy, state.yaw)
+        self._frame = self._renderer.render(camera)
+        towards = math.atan2(goal[1] - state.xy[1], goal[0] - state.xy[0])
+        bearing = math.remainder(towards - state.yaw, 2 * math.pi)
+        task = np.array([self._distance(), bearing, state.linear, state.angular], dtype=np.float32)
+        return {"rgb": self._frame.rgb, "depth": self._frame.depth, "task": task}
+
+    def _info(self) -> dict[str, Any]:
+        info = self._measures.as_info() | {
+            "scene": self.episode.scene,
+            "tier": self.episode.tier,
+            "pose": np.array([*self._state.xy, self._state.yaw], dtype=np.float64),
+        }
+        if self.config.with_labels:
+            info |= {"instance": self._frame.instance, "objects": self._seen_objects()}
+        return info
+
+    def _seen_objects(self) -> list[dict[str, Any]]:
+        frame, config = self._frame, self.config.labels
+        # Captions are drawn anew whenever a frame is learned from; the ones made here are not used.
+        rng = np.random.default_rng(0)
+        labels = label_frame(frame.instance, frame.depth, self._site.scene.instances(), config, rng)
+        return [
+            {
+                "category": label.category,
+                "bbox_xyxy": label.bbox_xyxy,
+                "center_x": label.center_px[0],
+                "distance_m": label.distance_m,
+            }
+            for label in labels
+            if is_eligible(label, frame.instance.size, config)
+        ]
+
+
+def _observation_space(config: EnvConfig) -> spaces.Space[Any]:
+    size = (config.camera.height, config.camera.width)
+    low = np.array([0.0, -math.pi, -np.inf, -np.inf], dtype=np.float32)
+    return spaces.Dict(
+        {
+            "rgb": spaces.Box(0, 255, (*size, 3), np.uint8),
+            "depth": spaces.Box(0.0, config.camera.far_m, size, np.float32),
+            "task": spaces.Box(low, np.array([np.inf, math.pi, np.inf, np.inf], np.float32)),
+        }
+    )
+
+
+def _check_arguments(
+    config: EnvConfig, split: str, scenes: Sequence[SceneSpec] | None, render_mode: str | None
+) -> None:
+    if config.distance_edges_m[0] <= config.success_radius_m:
+        raise ValueError(
+            f"distance_edges_m begins at {config.distance_edges_m[0]:g} m;"
+            f" it must lie beyond success_radius_m, {config.success_radius_m:g} m"
+        )
+    if split not in ("train", "test"):
+        raise ValueError(f"split {split!r} is unknown; allowed: train, test")
+    if scenes is not None and not 0 < len({s.name for s in scenes}) == len(scenes):
+        raise ValueError(f"scenes {[s.name for s in scenes]} must be at least one, of different names")
+    if render_mode not in (None, "rgb_array"):
+        raise ValueError(f"render_mode {render_mode!r} is unknown; allowed: None, 'rgb_array'")

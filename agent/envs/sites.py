@@ -1,0 +1,39 @@
+"""A scene made ready to drive in: its free space and its physics, built once and kept."""
+
+from types import TracebackType
+from typing import Self
+
+from agent.config import EnvConfig
+from langwm_data.scenes.navigation import FreeSpace
+from langwm_data.scenes.spec import SceneSpec
+from langwm_data.sim.world import World, bake_home
+
+
+def load_scene(name: str, config: EnvConfig) -> SceneSpec:
+    """The home called ``name``, settled by physics.
+
+    Raises:
+        ValueError: If there is no such home.
+    """
+    return bake_home(name, seed=config.scenes.seed)
+
+
+class Site:
+    """One scene with what the environment needs of it. Holds a physics client until closed."""
+
+    def __init__(self, scene: SceneSpec, config: EnvConfig) -> None:
+        self.scene = scene
+        self.free = FreeSpace.from_scene(scene, robot=config.robot)
+        self.world = World(scene, config.robot, physics_hz=config.physics_hz)
+
+    def close(self) -> None:
+        """Free the physics client."""
+        self.world.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
