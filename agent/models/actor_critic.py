@@ -98,9 +98,7 @@ def imagine(
 
 
 def actor_loss(
-    imagined: Imagination,
-    is_alive: Float[Tensor, "B"],
-    config: BehaviorConfig,
+    imagined: Imagination, is_alive: Float[Tensor, " B"], config: BehaviorConfig
 ) -> tuple[Float[Tensor, ""], Float[Tensor, "B T"], Float[Tensor, "B T"]]:
     """Negative weighted return plus entropy bonus; also the returns and the weights, both detached.
 

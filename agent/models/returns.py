@@ -33,7 +33,7 @@ def lambda_return(
     return torch.stack(returns[::-1], dim=1)
 
 
-def step_weight(is_alive: Float[Tensor, "B"], discount: Float[Tensor, "B T"]) -> Float[Tensor, "B T"]:
+def step_weight(is_alive: Float[Tensor, " B"], discount: Float[Tensor, "B T"]) -> Float[Tensor, "B T"]:
     """How much each imagined step counts: the chance, discounted, that the episode still runs there.
 
     Args:

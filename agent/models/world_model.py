@@ -22,7 +22,7 @@ Metrics = dict[str, float]
 
 @dataclass(frozen=True, kw_only=True)
 class ModelBatch:
-    """Sequences as the world model sees them. ``action[:, t]`` led to step t, ``reward[:, t]`` came with it."""
+    """Sequences as the world model sees them: ``action[:, t]`` led to step t and ``reward[:, t]``."""
 
     tokens: Float[Tensor, "B T N V"]
     task: Float[Tensor, "B T P"]

@@ -1,0 +1,94 @@
+import dataclasses
+
+import pytest
+import torch
+
+from agent.config import LossScales, MLPConfig, PoolingConfig, RSSMConfig, WorldModelConfig
+from agent.models.world_model import ModelBatch, WorldModel, world_model_loss
+
+CONFIG = WorldModelConfig(
+    pooling=PoolingConfig(dim=16, num_heads=2, num_layers=1, mlp_ratio=2, dropout=0.0),
+    rssm=RSSMConfig(num_latents=8, num_classes=8, deter=32, hidden=32),
+    head=MLPConfig(layers=1, units=32),
+    task=MLPConfig(layers=1, units=32),
+)
+
+
+def make_model(config=CONFIG):
+    torch.manual_seed(0)
+    return WorldModel(config, num_tokens=5, token_dim=12, task_dim=4, action_dim=2)
+
+
+def make_batch(batch=3, length=6):
+    generator = torch.Generator().manual_seed(1)
+    is_first = torch.zeros(batch, length, dtype=torch.bool)
+    is_first[:, 0] = True
+    return ModelBatch(
+        tokens=torch.randn(batch, length, 5, 12, generator=generator),
+        task=torch.randn(batch, length, 4, generator=generator),
+        action=torch.rand(batch, length, 2, generator=generator) * 2 - 1,
+        reward=torch.randn(batch, length, generator=generator),
+        is_first=is_first,
+        is_terminal=torch.zeros(batch, length, dtype=torch.bool),
+    )
+
+
+def test_loss_terms_fall_on_a_fixed_batch():
+    model, batch = make_model(), make_batch()
+    optimizer = torch.optim.Adam(model.parameters(), lr=3e-3)
+    history = []
+    for _ in range(150):
+        loss, metrics, _ = world_model_loss(model, batch, torch.Generator().manual_seed(0))
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        history.append(metrics)
+    for term in ("token", "pool", "task", "reward", "discount"):
+        key = f"wm/{term}_loss"
+        assert history[-1][key] < 0.6 * history[0][key] or history[-1][key] < 0.06, key
+    assert history[-1]["wm/loss"] < 0.3 * history[0]["wm/loss"]
+
+
+def test_loss_is_the_scaled_sum_of_its_terms():
+    scales = LossScales(token=0.5, pool=0.0, task=2.0, reward=3.0, discount=4.0, kl=5.0)
+    model = make_model(dataclasses.replace(CONFIG, loss_scales=scales))
+    loss, metrics, _ = world_model_loss(model, make_batch(), torch.Generator().manual_seed(0))
+    expected = sum(v * metrics[f"wm/{k}_loss"] for k, v in dataclasses.asdict(scales).items())
+    assert loss.item() == pytest.approx(expected, rel=1e-5)
+
+
+def test_terms_and_scales_have_the_same_names():
+    _, metrics, _ = world_model_loss(make_model(), make_batch(), torch.Generator())
+    assert {f"wm/{f.name}_loss" for f in dataclasses.fields(LossScales)} <= metrics.keys()
+
+
+def test_every_parameter_is_trained():
+    model = make_model()
+    loss, _, _ = world_model_loss(model, make_batch(), torch.Generator().manual_seed(0))
+    loss.backward()
+    assert [name for name, p in model.named_parameters() if p.grad is None] == []
+
+
+def test_discount_head_learns_gamma_and_termination():
+    model, batch = make_model(), make_batch(length=3)
+    is_terminal = torch.zeros(3, 3, dtype=torch.bool)
+    is_terminal[0, 2] = True
+    batch = dataclasses.replace(batch, is_terminal=is_terminal)
+    optimizer = torch.optim.Adam(model.parameters(), lr=3e-3)
+    for _ in range(200):
+        loss, _, post = world_model_loss(model, batch, torch.Generator().manual_seed(0))
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+    discount = model.predict_discount(post.feat)
+    assert discount[0, 2] < 0.1
+    assert (discount[~is_terminal] - 0.99).abs().max() < 0.03
+
+
+def test_reward_is_predicted_in_the_environments_units():
+    for transform in ("symlog", "identity"):
+        model = make_model(dataclasses.replace(CONFIG, reward_transform=transform))
+        feat = torch.randn(4, model.rssm.feat_dim)
+        raw = model.reward_head(feat).squeeze(-1)
+        expected = raw.sign() * (raw.abs().exp() - 1) if transform == "symlog" else raw
+        torch.testing.assert_close(model.predict_reward(feat), expected)

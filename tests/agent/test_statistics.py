@@ -1,0 +1,89 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from agent.statistics import (
+    bootstrap_interval,
+    hierarchical_bootstrap_interval,
+    paired_bootstrap_interval,
+    wilson_interval,
+)
+
+
+@given(st.integers(1, 500).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
+def test_wilson_interval_agrees_with_scipy(case):
+    successes, trials = case
+    theirs = stats.binomtest(successes, trials).proportion_ci(0.95, method="wilson")
+    ours = wilson_interval(successes, trials)
+    assert ours.low == pytest.approx(theirs.low, abs=1e-9)
+    assert ours.high == pytest.approx(theirs.high, abs=1e-9)
+
+
+def test_wilson_interval_of_published_cells():
+    """6.8 % and 5.5 % of 3000 episodes."""
+    first, second = wilson_interval(204, 3000), wilson_interval(165, 3000)
+    assert (round(100 * first.low, 1), round(100 * first.high, 1)) == (6.0, 7.8)
+    assert (round(100 * second.low, 1), round(100 * second.high, 1)) == (4.7, 6.4)
+
+
+def test_bootstrap_interval_agrees_with_scipy():
+    values = np.random.default_rng(0).exponential(size=80)
+    ours = bootstrap_interval(values, np.random.default_rng(1), resamples=5000)
+    theirs = stats.bootstrap(
+        (values,), np.mean, method="percentile", n_resamples=5000, rng=np.random.default_rng(2)
+    ).confidence_interval
+    assert ours.mean == pytest.approx(values.mean())
+    assert ours.low == pytest.approx(theirs.low, abs=0.02)
+    assert ours.high == pytest.approx(theirs.high, abs=0.02)
+
+
+def test_intervals_repeat_with_the_same_generator():
+    values = np.arange(10.0)
+    again = [bootstrap_interval(values, np.random.default_rng(3)) for _ in range(2)]
+    assert again[0] == again[1]
+
+
+def test_seeds_that_disagree_widen_the_interval():
+    rng = np.random.default_rng(0)
+    alike = [rng.normal(0, 1, 200) for _ in range(5)]
+    apart = [group + shift for group, shift in zip(alike, (-2, -1, 0, 1, 2), strict=True)]
+    narrow = hierarchical_bootstrap_interval(alike, np.random.default_rng(1))
+    wide = hierarchical_bootstrap_interval(apart, np.random.default_rng(1))
+    assert wide.high - wide.low > 4 * (narrow.high - narrow.low)
+    assert wide.mean == pytest.approx(narrow.mean)
+
+
+def test_hierarchical_interval_of_one_seed_is_the_plain_one():
+    values = np.random.default_rng(0).normal(size=100)
+    one = hierarchical_bootstrap_interval([values], np.random.default_rng(1))
+    plain = bootstrap_interval(values, np.random.default_rng(2))
+    assert one.low == pytest.approx(plain.low, abs=0.03)
+    assert one.high == pytest.approx(plain.high, abs=0.03)
+
+
+def test_pairing_removes_what_the_episodes_share():
+    rng = np.random.default_rng(0)
+    difficulty = rng.normal(0, 10, 100)
+    first, second = difficulty + 0.5, difficulty + rng.normal(0, 0.1, 100)
+    paired = paired_bootstrap_interval(first, second, np.random.default_rng(1))
+    assert 0.4 < paired.low < paired.high < 0.6
+
+
+@pytest.mark.parametrize(("successes", "trials"), [(0, 0), (3, 2), (-1, 5)])
+def test_impossible_counts_are_refused(successes, trials):
+    with pytest.raises(ValueError, match=f"{successes} successes of {trials} trials"):
+        wilson_interval(successes, trials)
+
+
+def test_missing_values_are_refused():
+    rng, empty = np.random.default_rng(0), np.zeros(0)
+    with pytest.raises(ValueError, match="0 values"):
+        bootstrap_interval(empty, rng)
+    with pytest.raises(ValueError, match="0 values"):
+        hierarchical_bootstrap_interval([np.ones(2), empty], rng)
+    with pytest.raises(ValueError, match="0 seeds"):
+        hierarchical_bootstrap_interval([], rng)
+    with pytest.raises(ValueError, match="2 and 3 values"):
+        paired_bootstrap_interval(np.ones(2), np.ones(3), rng)
