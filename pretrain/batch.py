@@ -3,7 +3,7 @@
 Data only. ``FrameBatch`` is what shards and replay provide; ``MAEBatch`` is what the network reads.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -76,13 +76,13 @@ class MAEBatch:
 
     def to(self, device: torch.device | str) -> Self:
         """The same on another device."""
-        return type(self)(
-            rgb=self.rgb.to(device),
-            is_hidden=self.is_hidden.to(device),
-            depth=self.depth.to(device),
-            text=self.text.to(device),
-            captions=self.captions,
-            is_truncated=self.is_truncated.to(device),
-            reward=self.reward.to(device),
-            has_reward=self.has_reward.to(device),
-        )
+        return replace(self, **{name: getattr(self, name).to(device) for name in (*_TENSORS, "text")})
+
+    def rows(self, which: slice, text: TextTokens) -> Self:
+        """Part of the batch, with the same part of ``text`` in place of its own."""
+        part = TextTokens(embed=text.embed[which], attend=text.attend[which])
+        tensors = {name: getattr(self, name)[which] for name in _TENSORS}
+        return replace(self, **tensors, text=part, captions=self.captions[which])
+
+
+_TENSORS = ("rgb", "is_hidden", "depth", "is_truncated", "reward", "has_reward")

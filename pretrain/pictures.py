@@ -1,0 +1,84 @@
+"""Panels that show what the autoencoder saw, predicted and should have predicted."""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pretrain.batch import MAEBatch
+from pretrain.mae import IMAGENET_MEAN
+
+RGB = NDArray[np.uint8]
+
+_GAP = 4
+_HEADER = 18
+_WHITE = 255
+_NEAR_COLORS = cv2.COLORMAP_TURBO
+
+
+def depth_to_rgb(depth_m: NDArray[np.float32], max_depth_m: float) -> RGB:
+    """Near is warm, far is cool; invalid (0) is black."""
+    near = 255 - np.clip(depth_m / max_depth_m * 255, 0, 255).astype(np.uint8)
+    colors = cv2.cvtColor(cv2.applyColorMap(near, _NEAR_COLORS), cv2.COLOR_BGR2RGB)
+    colors[depth_m == 0] = 0
+    return np.asarray(colors, dtype=np.uint8)
+
+
+def hide_pixels(rgb: RGB, is_hidden: NDArray[np.bool_]) -> RGB:
+    """The frame as the network gets it."""
+    shown = rgb.copy()
+    shown[is_hidden] = np.round(np.array(IMAGENET_MEAN) * 255).astype(np.uint8)
+    return shown
+
+
+def make_panel(titles: Sequence[str], rows: Sequence[Sequence[RGB]], captions: Sequence[str]) -> RGB:
+    """Images in rows under column titles, each row with its caption below it."""
+    height, width = rows[0][0].shape[:2]
+    header = np.hstack([_label(title, width + _GAP) for title in titles])
+    lines = [header]
+    for images, caption in zip(rows, captions, strict=True):
+        padded = [
+            cv2.copyMakeBorder(i, 0, 0, 0, _GAP, cv2.BORDER_CONSTANT, value=(_WHITE,) * 3) for i in images
+        ]
+        lines += [np.hstack(padded), _label(caption or "(no caption)", header.shape[1])]
+    assert all(line.shape[1] == header.shape[1] for line in lines), height
+    return np.vstack(lines).astype(np.uint8)
+
+
+def mae_panel(batch: MAEBatch, depth_m: NDArray[np.float32], max_depth_m: float, count: int = 4) -> RGB:
+    """Input, masked input, prediction and truth of the first ``count`` frames of a batch.
+
+    Args:
+        batch: On the CPU.
+        depth_m: Predicted, (B, H, W).
+        max_depth_m: End of the colour scale.
+        count: Rows at most.
+    """
+    rows = []
+    for i in range(min(count, len(batch))):
+        rgb, is_hidden, truth = batch.rgb[i].numpy(), batch.is_hidden[i].numpy(), batch.depth[i].numpy()
+        rows.append(
+            [
+                rgb,
+                hide_pixels(rgb, is_hidden),
+                depth_to_rgb(np.maximum(depth_m[i], 1e-3), max_depth_m),
+                depth_to_rgb(truth, max_depth_m),
+            ]
+        )
+    return make_panel(
+        ("input", "masked input", "predicted depth", "true depth"), rows, batch.captions[: len(rows)]
+    )
+
+
+def encode_png(rgb: RGB) -> bytes:
+    """PNG bytes of an image."""
+    done, data = cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
+    assert done
+    return data.tobytes()
+
+
+def _label(text: str, width: int) -> RGB:
+    line = np.full((_HEADER, width, 3), _WHITE, dtype=np.uint8)
+    cv2.putText(line, text, (2, 13), cv2.FONT_HERSHEY_SIMPLEX, 0.38, (0, 0, 0), 1, cv2.LINE_AA)
+    return line

@@ -1,0 +1,201 @@
+"""The pretraining loop: batches in, checkpoints, metrics, pictures and the finished model out."""
+
+import logging
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+
+from langwm_data import atomic
+from langwm_data.config_io import ConfigError, claim_output
+from langwm_data.shards.dataset import ShardDataset
+from pretrain.batch import MAEBatch
+from pretrain.checkpoint import latest_checkpoint, load_checkpoint, save_checkpoint
+from pretrain.config import PretrainConfig
+from pretrain.dataset import FrameDataset, batch_numbers, open_split
+from pretrain.interrupt import stop_requests
+from pretrain.language import FrozenText
+from pretrain.mae import LanguageGroundedMAE
+from pretrain.metrics import MetricsLogger
+from pretrain.model_file import MODEL_FOLDER
+from pretrain.optim import make_optimizer
+from pretrain.pictures import encode_png, mae_panel
+from pretrain.update import batch_rng, mae_update, make_mae_batch, torch_seed
+from pretrain.validation import make_validation_batch, validate
+
+log = logging.getLogger(__name__)
+
+PICTURES = "pictures"
+Progress = Callable[[int, int], None]
+
+
+@dataclass(kw_only=True)
+class _Learner:
+    """What learns, and how far it is."""
+
+    mae: LanguageGroundedMAE
+    optimizer: torch.optim.Optimizer
+    step: int = 0
+
+
+def pretrain_mae(
+    config: PretrainConfig, data: Path, out: Path, *, fresh: bool = False, progress: Progress | None = None
+) -> Path:
+    """Pretrain the autoencoder on a rendered dataset, going on where an earlier call stopped.
+
+    Args:
+        config: Everything about the run.
+        data: Folder of the dataset.
+        out: Folder of the run.
+        fresh: Throw away what ``out`` holds first.
+        progress: Called with steps done and steps in all.
+
+    Returns:
+        ``out``; ``LanguageGroundedMAE.from_pretrained`` reads it.
+
+    Raises:
+        ConfigError: If data, text encoder, device or ``out`` cannot be used; nothing was changed then.
+        KeyboardInterrupt: After SIGINT or SIGTERM, once everything is saved.
+        FloatingPointError: If training diverges.
+    """
+    size = (config.mae.height, config.mae.width)
+    fingerprint = ShardDataset(data).manifest.fingerprint
+    train, valid = (open_split(data, split, size, config.ram_mib) for split in ("train", "test"))
+    if train is None:
+        raise ConfigError(f"--data {str(data)!r} has no training frames")
+    text = FrozenText(config.text, usable_device(config.device))
+    claim_output(out, config, fresh=fresh, may_differ=("steps",))
+    learner = _make_learner(config, text)
+    _restore(learner, out, fingerprint)
+    if learner.step >= config.steps:
+        log.info("%s has finished its %d steps; --fresh starts over", out, learner.step)
+        return out
+
+    def make(step: int) -> MAEBatch:
+        numbers = batch_numbers(config.seed, step, config.batch_size, len(train))
+        rng = batch_rng(config.seed, step)
+        return make_mae_batch(rng, train.batch(numbers), text, config.objects, config.augment)
+
+    watcher = _Watcher(config, out, _held_out(config, valid, text))
+    with MetricsLogger(out, learner.step) as logger, stop_requests() as stop:
+        with _prefetched(make, range(learner.step, config.steps)) as batches:
+            while learner.step < config.steps and not stop.is_set():
+                metrics = _step(config, learner, batches)
+                watcher.look(learner, logger, metrics)
+                if learner.step % config.checkpoint_every == 0:
+                    _save(learner, out, fingerprint)
+                if progress is not None:
+                    progress(learner.step, config.steps)
+        _save(learner, out, fingerprint)
+    if stop.is_set():
+        raise KeyboardInterrupt
+    return out
+
+
+def usable_device(name: str) -> torch.device:
+    """The device called ``name``.
+
+    Raises:
+        ConfigError: If PyTorch knows no such device or cannot use it here.
+    """
+    try:
+        return torch.empty(0, device=name).device
+    except (RuntimeError, AssertionError) as error:
+        raise ConfigError(f"device {name!r} cannot be used on this machine; cpu always can") from error
+
+
+def _make_learner(config: PretrainConfig, text: FrozenText) -> _Learner:
+    with torch.random.fork_rng([]):
+        torch.manual_seed(torch_seed(config.seed, "weights"))
+        mae = LanguageGroundedMAE(config.mae, config.text, text.null_text).to(config.device)
+    return _Learner(mae=mae, optimizer=make_optimizer(mae, config.optimizer))
+
+
+def _save(learner: _Learner, out: Path, fingerprint: str) -> None:
+    state = {
+        "mae": learner.mae.state_dict(),
+        "optimizer": learner.optimizer.state_dict(),
+        "data_fingerprint": fingerprint,
+    }
+    learner.mae.save_pretrained(out / MODEL_FOLDER)
+    save_checkpoint(out, learner.step, state)
+
+
+def _restore(learner: _Learner, out: Path, fingerprint: str) -> None:
+    folder = latest_checkpoint(out)
+    if folder is None:
+        return
+    step, state = load_checkpoint(folder, learner.mae.device)
+    if state["data_fingerprint"] != fingerprint:
+        raise ConfigError(
+            f"--out {str(out)!r} was trained on another dataset than --data;"
+            " use another folder, the same dataset, or --fresh to start over"
+        )
+    learner.mae.load_state_dict(state["mae"])
+    learner.optimizer.load_state_dict(state["optimizer"])
+    learner.step = step
+
+
+def _step(config: PretrainConfig, learner: _Learner, batches: Iterator[MAEBatch]) -> dict[str, float]:
+    start = time.perf_counter()
+    batch = next(batches)
+    waited = time.perf_counter() - start
+    metrics = mae_update(
+        learner.mae, learner.optimizer, batch, config.optimizer, seed=config.seed, step=learner.step
+    )
+    learner.step += 1
+    elapsed = time.perf_counter() - start
+    speed = {"perf/images_per_s": config.batch_size / elapsed, "perf/data_wait_share": waited / elapsed}
+    return metrics | speed
+
+
+def _held_out(config: PretrainConfig, valid: FrameDataset | None, text: FrozenText) -> MAEBatch | None:
+    if valid is None:
+        log.info("the dataset has no test frames: training goes unwatched")
+        return None
+    return make_validation_batch(
+        valid, text, config.objects, num_frames=config.valid_frames, seed=config.seed
+    )
+
+
+class _Watcher:
+    """Writes metrics, looks at held-out frames and draws them, each at its interval."""
+
+    def __init__(self, config: PretrainConfig, out: Path, held_out: MAEBatch | None) -> None:
+        self._config = config
+        self._out = out
+        self._held_out = held_out
+
+    def look(self, learner: _Learner, logger: MetricsLogger, metrics: dict[str, float]) -> None:
+        """Do what is due after this step."""
+        step, config = learner.step, self._config
+        is_last = step == config.steps
+        if self._held_out is not None and (step % config.valid_every == 0 or is_last):
+            found, depth = validate(learner.mae, self._held_out, config.seed)
+            metrics = metrics | found
+            panel = mae_panel(self._held_out, depth.numpy(), config.mae.max_depth_m)
+            atomic.write_bytes(self._out / PICTURES / f"step-{step:09d}.png", encode_png(panel))
+            logger.image(step, "valid/panel", panel)
+        elif step % config.log_every != 0 and step > 1:
+            return
+        logger.log(step, metrics)
+
+
+@contextmanager
+def _prefetched(make: Callable[[int], MAEBatch], steps: range) -> Iterator[Iterator[MAEBatch]]:
+    """Make each step's batch in a thread while the step before is being taken."""
+    with ThreadPoolExecutor(max_workers=1) as pool:
+
+        def iterate() -> Iterator[MAEBatch]:
+            coming = pool.submit(make, steps[0])
+            for step in steps:
+                batch = coming.result()
+                if step + 1 in steps:
+                    coming = pool.submit(make, step + 1)
+                yield batch
+
+        yield iterate()

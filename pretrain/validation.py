@@ -1,0 +1,84 @@
+"""Held-out depth error while training: a fixed batch with fixed boxes and token masks."""
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from langwm_data.seeding import make_rng
+from pretrain.batch import MAEBatch, TextTokens
+from pretrain.config import ObjectMaskConfig
+from pretrain.dataset import FrameDataset
+from pretrain.language import FrozenText
+from pretrain.losses import masked_mean
+from pretrain.mae import LanguageGroundedMAE
+from pretrain.update import make_mae_batch, torch_seed
+
+_CHUNK = 64
+
+
+def make_validation_batch(
+    frames: FrameDataset, text: FrozenText, objects: ObjectMaskConfig, *, num_frames: int, seed: int
+) -> MAEBatch:
+    """Randomly chosen frames, not augmented, always with boxes and captions where there are objects."""
+    rng = make_rng(seed, "validation")
+    numbers = rng.choice(len(frames), size=min(num_frames, len(frames)), replace=False).tolist()
+    return make_mae_batch(rng, frames.batch(numbers), text, always_hide(objects), None)
+
+
+def always_hide(objects: ObjectMaskConfig) -> ObjectMaskConfig:
+    """The same limits without dropout."""
+    return ObjectMaskConfig(
+        max_objects=objects.max_objects,
+        margin_px=objects.margin_px,
+        max_area=objects.max_area,
+        distance_format=objects.distance_format,
+    )
+
+
+@torch.no_grad()
+def predict_depth(
+    mae: LanguageGroundedMAE, batch: MAEBatch, text: TextTokens, seed: int
+) -> Float[Tensor, "B H W"]:
+    """Predicted depth in metres, on the CPU, with dropout off.
+
+    Args:
+        mae: Its mode is kept.
+        batch: Frames and boxes.
+        text: Captions, in place of the batch's own.
+        seed: Of the token masks: the same seed drops the same tokens whatever the text.
+    """
+    was_training = mae.training
+    mae.eval()
+    generator = torch.Generator().manual_seed(torch_seed(seed, "predict"))
+    parts = []
+    try:
+        for start in range(0, len(batch), _CHUNK):
+            part = batch.rows(slice(start, start + _CHUNK), text).to(mae.device)
+            parts.append(mae(part, generator).depth.cpu() * mae.config.max_depth_m)
+    finally:
+        mae.train(was_training)
+    return torch.cat(parts)
+
+
+def depth_error_m(
+    depth_m: Float[Tensor, "B H W"], batch: MAEBatch, max_depth_m: float, where: Bool[Tensor, "B H W"]
+) -> Float[Tensor, ""]:
+    """Mean absolute error in metres over valid pixels of a region, true depth clipped as in training."""
+    error = (depth_m - batch.depth.clamp(max=max_depth_m)).abs()
+    return masked_mean(error, where & (batch.depth > 0))
+
+
+def validate(
+    mae: LanguageGroundedMAE, batch: MAEBatch, seed: int
+) -> tuple[dict[str, float], Float[Tensor, "B H W"]]:
+    """Metrics of the validation batch, and the depth predicted for it in metres."""
+    limit = mae.config.max_depth_m
+    depth = predict_depth(mae, batch, batch.text, seed)
+    untold = predict_depth(mae, batch, mae.null_text(len(batch)), seed)
+    everywhere = torch.ones_like(batch.is_hidden)
+    errors = {
+        "valid/depth_error_m": depth_error_m(depth, batch, limit, everywhere),
+        "valid/hidden_depth_error_m": depth_error_m(depth, batch, limit, batch.is_hidden),
+        "valid/hidden_depth_error_m_no_caption": depth_error_m(untold, batch, limit, batch.is_hidden),
+    }
+    return {name: error.item() for name, error in errors.items()}, depth
