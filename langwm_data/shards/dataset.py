@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 from langwm_data.scenes.spec import SceneSpec, Split
 from langwm_data.shards.index import COLUMN_OF_FILE, FRAMES_SCHEMA, OBJECTS_SCHEMA
 from langwm_data.shards.manifest import FRAMES_FILE, OBJECTS_FILE, SCENES_DIR, Manifest, read_manifest
-from langwm_data.shards.sample import Sample, decode_sample
+from langwm_data.shards.sample import DatasetError, Sample, decode_sample
 from langwm_data.shards.stream import SampleStream
 
 
@@ -32,7 +32,7 @@ class ShardDataset:
         path: Folder that holds ``dataset.json``.
 
     Raises:
-        ValueError: If the folder is missing, holds no finished dataset, or a damaged one.
+        DatasetError: If the folder is missing, holds no finished dataset, or a damaged one.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -89,11 +89,11 @@ class ShardDataset:
         """The baked scene called ``name``, enough to render its frames again.
 
         Raises:
-            ValueError: If no frame of this dataset shows a scene of that name.
+            DatasetError: If no frame of this dataset shows a scene of that name.
         """
         known = sorted({s for split in self.manifest.splits.values() for s in split.scenes})
         if name not in known:
-            raise ValueError(f"no scene {name!r} in {str(self.path)!r}; there are: {', '.join(known)}")
+            raise DatasetError(f"no scene {name!r} in {str(self.path)!r}; there are: {', '.join(known)}")
         return SceneSpec.from_json((self.path / SCENES_DIR / f"{name}.json").read_bytes())
 
     def select(
@@ -112,13 +112,13 @@ class ShardDataset:
                 ``objects``, such as ``pc.field("category") == "chair"``.
 
         Raises:
-            ValueError: If the dataset has no such split.
+            DatasetError: If the dataset has no such split.
         """
         frames = self.frames
         if split is not None:
             if split not in self.manifest.splits:
                 known = ", ".join(self.manifest.splits)
-                raise ValueError(f"no split {split!r} in {str(self.path)!r}; there are: {known}")
+                raise DatasetError(f"no split {split!r} in {str(self.path)!r}; there are: {known}")
             frames = frames.filter(pc.field("split") == split)
         if filter is not None:
             frames = frames.filter(filter)
@@ -156,25 +156,27 @@ def _places(frames: pa.Table) -> np.ndarray:
 
 def _check_places(folder: Path, manifest: Manifest, frames: pa.Table) -> None:
     if len(frames) != manifest.frames:
-        raise ValueError(
+        raise DatasetError(
             f"{folder / FRAMES_FILE} has {len(frames)} rows; the manifest says {manifest.frames}"
         )
     size_of = {shard.path: shard.bytes for shard in manifest.shards}
     if unknown := set(frames["shard"].unique().to_pylist()) - set(size_of):
-        raise ValueError(f"{folder / FRAMES_FILE} names shard {min(unknown)!r}, which is not in the manifest")
+        raise DatasetError(
+            f"{folder / FRAMES_FILE} names shard {min(unknown)!r}, which is not in the manifest"
+        )
     limits = np.array([size_of[s] for s in frames["shard"].to_pylist()], dtype=np.int64)
     places = _places(frames)
     if (places < 0).any() or (places.sum(axis=2) > limits[:, None]).any():
-        raise ValueError(f"{folder / FRAMES_FILE} points outside a shard")
+        raise DatasetError(f"{folder / FRAMES_FILE} points outside a shard")
 
 
 def _read_table(path: Path, schema: pa.Schema) -> pa.Table:
     try:
         table = pq.ParquetFile(path).read()
     except (OSError, pa.ArrowException) as error:
-        raise ValueError(f"{path} is missing or is not a parquet file") from error
+        raise DatasetError(f"{path} is missing or is not a parquet file") from error
     if not table.schema.equals(schema):
-        raise ValueError(f"{path} has other columns than this program writes")
+        raise DatasetError(f"{path} has other columns than this program writes")
     return table
 
 
@@ -182,11 +184,11 @@ def _read_range(path: Path, offset: int, size: int) -> bytes:
     try:
         descriptor = os.open(path, os.O_RDONLY)
     except FileNotFoundError as error:
-        raise ValueError(f"shard {path} is missing") from error
+        raise DatasetError(f"shard {path} is missing") from error
     try:
         data = os.pread(descriptor, size, offset)
     finally:
         os.close(descriptor)
     if len(data) != size:
-        raise ValueError(f"shard {path} is shorter than its index says")
+        raise DatasetError(f"shard {path} is shorter than its index says")
     return data

@@ -14,6 +14,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from langwm_data import atomic
 from langwm_data.scenes.spec import Split
+from langwm_data.shards.sample import DatasetError
 
 MANIFEST_FILE = "dataset.json"
 CARD_FILE = "README.md"
@@ -93,26 +94,26 @@ def read_manifest(folder: Path) -> Manifest:
     """Read and check ``dataset.json``.
 
     Raises:
-        ValueError: If ``folder`` is missing, holds no finished dataset, or one this program cannot read.
+        DatasetError: If ``folder`` is missing, holds no finished dataset, or one this program cannot read.
     """
     if not folder.is_dir():
-        raise ValueError(f"no dataset at {str(folder)!r}: the folder does not exist")
+        raise DatasetError(f"no dataset at {str(folder)!r}: the folder does not exist")
     path = folder / MANIFEST_FILE
     if not path.is_file():
-        raise ValueError(f"no finished dataset at {str(folder)!r}: it has no {MANIFEST_FILE}")
+        raise DatasetError(f"no finished dataset at {str(folder)!r}: it has no {MANIFEST_FILE}")
     text = path.read_bytes()
     version = _schema_version(text)
     if version != SCHEMA_VERSION:
-        raise ValueError(f"{path}: dataset schema version {version}; this program reads {SCHEMA_VERSION}")
+        raise DatasetError(f"{path}: dataset schema version {version}; this program reads {SCHEMA_VERSION}")
     try:
         manifest: Manifest = _ADAPTER.validate_json(text)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(p) for p in first["loc"]) or "the document"
-        raise ValueError(f"{path}: {where}: {first['msg']}") from error
+        raise DatasetError(f"{path}: {where}: {first['msg']}") from error
     for shard in manifest.shards:
         if not re.fullmatch(SHARD_PATTERN, shard.path):
-            raise ValueError(f"{path}: shard path {shard.path!r} is not of the form train/train-000000.tar")
+            raise DatasetError(f"{path}: shard path {shard.path!r} is not of the form train/train-000000.tar")
     return manifest
 
 

@@ -13,6 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from langwm_data.config_io import ConfigError
+
 RGB_KEY = "rgb.png"
 DEPTH_KEY = "depth.png"
 INSTANCE_KEY = "instance.png"
@@ -28,6 +30,10 @@ MILLIMETRES = 1000.0
 MAX_DEPTH_M = np.iinfo(np.uint16).max / MILLIMETRES
 
 _PNG_PARAMS = (cv2.IMWRITE_PNG_COMPRESSION, 4, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_FILTERED)
+
+
+class DatasetError(ConfigError):
+    """A dataset that is missing, unfinished or damaged: one sentence that says where."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,16 +84,16 @@ def decode_sample(files: Mapping[str, Any]) -> Sample:
         files: Bytes by file key, and the sample's name under ``__key__``.
 
     Raises:
-        ValueError: If a file is missing or cannot be read.
+        DatasetError: If a file is missing or cannot be read.
     """
     key = files.get("__key__", "")
     missing = [name for name in FILE_KEYS if name not in files]
     if missing:
-        raise ValueError(f"sample {key!r} lacks {', '.join(missing)}")
+        raise DatasetError(f"sample {key!r} lacks {', '.join(missing)}")
     try:
         meta = json.loads(files[META_KEY])
     except ValueError as error:
-        raise ValueError(f"sample {key!r}: {META_KEY} is not JSON") from error
+        raise DatasetError(f"sample {key!r}: {META_KEY} is not JSON") from error
     name = f"sample {key!r}: "
     return Sample(
         key=key,
@@ -111,5 +117,5 @@ def _decode_png(data: bytes, dtype: type[np.generic], name: str) -> NDArray[Any]
     except cv2.error:
         image = None
     if image is None or image.dtype != dtype or image.shape[2:] != ((3,) if dtype is np.uint8 else ()):
-        raise ValueError(f"{name} is not a PNG of {np.dtype(dtype).name}")
+        raise DatasetError(f"{name} is not a PNG of {np.dtype(dtype).name}")
     return image

@@ -1,0 +1,176 @@
+"""Make the frames of a dataset: choose a view, render it, label it.
+
+Owns what one worker does with one task. Which frames there are stands in ``plan``; processes and
+completeness stand in ``workers`` and ``shards.writer``.
+"""
+
+import dataclasses
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from langwm_data import atomic
+from langwm_data.config import DatasetConfig, RobotConfig
+from langwm_data.config_io import ConfigError
+from langwm_data.labels.instances import ObjectLabel, label_frame
+from langwm_data.plan import FramePlan, ShardTask, plan_frame
+from langwm_data.scenes.navigation import FreeSpace
+from langwm_data.scenes.spec import SceneSpec
+from langwm_data.scenes.splits import check_palette, sample_palette
+from langwm_data.seeding import make_rng
+from langwm_data.shards.manifest import SCENES_DIR
+from langwm_data.shards.sample import Sample, to_metres, to_millimetres
+from langwm_data.shards.writer import write_shard
+from langwm_data.sim.camera import Camera
+from langwm_data.sim.render import Frame, make_renderer
+from langwm_data.sim.world import bake_home
+from langwm_data.workers import Report
+
+_PLACE_TRIES = 1000
+
+
+@dataclass(frozen=True, kw_only=True)
+class BakeTask:
+    """Build one floor, let its loose objects come to rest, and write it down."""
+
+    scene: str
+
+
+class RenderWorker:
+    """Does ``BakeTask`` and ``ShardTask`` for one dataset; holds one renderer."""
+
+    def __init__(self, config: DatasetConfig, folder: Path) -> None:
+        self._config = config
+        self._folder = folder
+        self._scene: SceneSpec | None = None
+        self._block: tuple[str, int] | None = None
+
+    def __enter__(self) -> Self:
+        self._renderer = make_renderer(self._config.render)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._renderer.close()
+
+    def __call__(self, task: BakeTask | ShardTask, report: Report) -> None:
+        """Do one task; ``report`` hears of every finished frame."""
+        if isinstance(task, BakeTask):
+            scene = bake_home(task.scene, seed=self._config.scenes.seed)
+            atomic.write_text(scene_file(self._folder, task.scene), scene.to_json())
+        else:
+            write_shard(self._folder, task.split, task.number, self._samples(task, report))
+
+    def _samples(self, task: ShardTask, report: Report) -> Iterator[Sample]:
+        for number in range(task.start, task.stop):
+            yield self.make_sample(plan_frame(self._config, task.split, number))
+            report(1)
+
+    def make_sample(self, plan: FramePlan) -> Sample:
+        """Render and label one frame; depends on the config and the plan alone.
+
+        Views are drawn until one shows an object worth a caption, at most ``cameras.max_tries`` times.
+        """
+        scene = self._show(plan)
+        free = _free_space(scene_file(self._folder, plan.scene), self._config.robot)
+        rng = make_rng(self._config.seed, "frame", plan.split, plan.number)
+        table = scene.instances()
+        max_tries = self._config.cameras.max_tries
+        for attempt in range(1, max_tries + 1):
+            camera = sample_camera(rng, free, self._config, plan.scene)
+            frame = self._renderer.render(camera)
+            # Labels are taken from depth as it is stored, so that they can be made again from the shards.
+            frame = dataclasses.replace(frame, depth=to_metres(to_millimetres(frame.depth)))
+            labels = label_frame(frame.instance, frame.depth, table, self._config.labels, rng)
+            if attempt == max_tries or any(label.captions for label in labels):
+                return _assemble(plan, scene, camera, frame, labels)
+        raise AssertionError("max_tries is at least 1")
+
+    def _show(self, plan: FramePlan) -> SceneSpec:
+        """Have the renderer hold the scene and materials of this frame's block."""
+        block = (plan.split, plan.block)
+        if self._scene is None or self._block != block:
+            scene = _read_scene(scene_file(self._folder, plan.scene))
+            rng = make_rng(self._config.seed, "palette", plan.split, plan.block)
+            scene = scene.with_palette(sample_palette(rng, scene.slots, plan.split))
+            check_palette(scene)
+            if self._scene is not None and self._scene.name == scene.name:
+                self._renderer.set_palette(scene.palette)
+            else:
+                self._renderer.load(scene)
+            self._scene, self._block = scene, block
+        return self._scene
+
+
+def scene_file(folder: Path, name: str) -> Path:
+    """Where the baked scene called ``name`` lies in a dataset."""
+    return folder / SCENES_DIR / f"{name}.json"
+
+
+def sample_camera(
+    rng: np.random.Generator, free: FreeSpace, config: DatasetConfig, scene_name: str
+) -> Camera:
+    """A robot's view from a random place, far enough from obstacles, in a random direction.
+
+    Raises:
+        ConfigError: If no place on the floor is far enough from obstacles.
+    """
+    for _ in range(_PLACE_TRIES):
+        xy = free.sample(rng)
+        if free.clearance(xy) >= config.cameras.min_clearance_m:
+            yaw_rad = float(rng.uniform(-np.pi, np.pi))
+            return Camera.on_robot(config.camera, (float(xy[0]), float(xy[1])), yaw_rad)
+    raise ConfigError(
+        f"field 'cameras.min_clearance_m': value {config.cameras.min_clearance_m} leaves no place for the"
+        f" camera on {scene_name}"
+    )
+
+
+def _assemble(
+    plan: FramePlan, scene: SceneSpec, camera: Camera, frame: Frame, labels: list[ObjectLabel]
+) -> Sample:
+    largest = max((label for label in labels if label.captions), key=lambda o: o.area_px, default=None)
+    return Sample(
+        key=plan.key,
+        rgb=frame.rgb,
+        depth=frame.depth,
+        instance=frame.instance,
+        meta={
+            "scene": scene.name,
+            "building": scene.building,
+            "floor": scene.floor,
+            "split": plan.split,
+            "palette": [str(material) for material in scene.palette],
+            "camera": describe_camera(camera),
+            "objects": [dataclasses.asdict(label) for label in labels],
+        },
+        caption=largest.captions[0].text if largest else "",
+    )
+
+
+def describe_camera(camera: Camera) -> dict[str, Any]:
+    """A camera as it stands in a sample's JSON."""
+    return {
+        "height": camera.height,
+        "width": camera.width,
+        "K": camera.intrinsics.tolist(),
+        "camera_to_world": camera.camera_to_world.tolist(),
+        "yaw_rad": float(camera.yaw_rad),
+        "pitch_rad": float(camera.pitch_rad),
+    }
+
+
+@lru_cache(maxsize=4)
+def _read_scene(path: Path) -> SceneSpec:
+    return SceneSpec.from_json(path.read_bytes())
+
+
+@lru_cache(maxsize=4)
+def _free_space(path: Path, robot: RobotConfig) -> FreeSpace:
+    return FreeSpace.from_scene(_read_scene(path), robot=robot)

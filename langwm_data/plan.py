@@ -1,0 +1,78 @@
+"""What a dataset will consist of: which frame shows which floor, and which shard holds it.
+
+Pure functions of the config. Every frame is described by its split and number alone, so any worker can
+make any frame, in any order, and the bytes stay the same.
+"""
+
+from dataclasses import dataclass
+
+from langwm_data.config import DatasetConfig
+from langwm_data.scenes.homes import scene_names
+from langwm_data.scenes.spec import Split
+from langwm_data.seeding import make_rng
+
+SPLITS: tuple[Split, ...] = ("train", "test")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShardTask:
+    """Frames ``start`` to ``stop`` (exclusive) of a split, which make one shard."""
+
+    split: Split
+    number: int
+    start: int
+    stop: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class FramePlan:
+    """One frame: where it is taken, and which block of frames it shares its textures with."""
+
+    key: str
+    split: Split
+    number: int
+    block: int
+    scene: str
+
+
+def num_frames(config: DatasetConfig, split: Split) -> int:
+    """Frames of one split."""
+    num_test = round(config.frames * config.splits.test_fraction)
+    return num_test if split == "test" else config.frames - num_test
+
+
+def plan_shards(config: DatasetConfig) -> list[ShardTask]:
+    """All shards of the dataset, in the order in which its index lists them."""
+    size = config.shards.samples_per_shard
+    tasks = []
+    for split in SPLITS:
+        total = num_frames(config, split)
+        for number, start in enumerate(range(0, total, size)):
+            tasks.append(ShardTask(split=split, number=number, start=start, stop=min(start + size, total)))
+    return tasks
+
+
+def plan_frame(config: DatasetConfig, split: Split, number: int) -> FramePlan:
+    """Frame ``number`` of a split."""
+    block = number // config.cameras.frames_per_palette
+    scene = scene_of_block(config, split, block)
+    return FramePlan(key=f"{scene}-{number:06d}", split=split, number=number, block=block, scene=scene)
+
+
+def scene_of_block(config: DatasetConfig, split: Split, block: int) -> str:
+    """The floor that a block shows: each floor once, in random order, before any comes again."""
+    names = scene_names(split)
+    turn, place = divmod(block, len(names))
+    order = make_rng(config.seed, "scenes", split, turn).permutation(len(names))
+    return names[order[place]]
+
+
+def scenes_needed(config: DatasetConfig) -> list[str]:
+    """Names of the floors that the dataset shows."""
+    per_block = config.cameras.frames_per_palette
+    needed = {
+        scene_of_block(config, split, block)
+        for split in SPLITS
+        for block in range(min(-(-num_frames(config, split) // per_block), len(scene_names(split))))
+    }
+    return sorted(needed)

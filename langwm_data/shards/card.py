@@ -1,0 +1,174 @@
+"""The data card: a README that people read and whose head Hugging Face ``datasets`` reads."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from langwm_data import atomic
+from langwm_data.shards.manifest import CARD_FILE, Manifest
+
+_CAPTION = {
+    "text": "string",
+    "template": "int64",
+    "rule": "int64",
+    "direction": "string",
+    "distance": "string",
+}
+_OBJECT = {
+    "instance": "int64",
+    "category": "string",
+    "model": "string",
+    "bbox_xyxy": ["float64"],
+    "center_px": ["float64"],
+    "area_px": "int64",
+    "distance_m": "float64",
+    "direction_rule1": "string",
+    "direction_rule2": "string",
+    "captions": [_CAPTION],
+}
+_CAMERA = {
+    "height": "int64",
+    "width": "int64",
+    "K": [["float64"]],
+    "camera_to_world": [["float64"]],
+    "yaw_rad": "float64",
+    "pitch_rad": "float64",
+}
+FEATURES: dict[str, Any] = {
+    "rgb.png": "image",
+    "depth.png": "image",
+    "instance.png": "image",
+    "json": {
+        "scene": "string",
+        "building": "string",
+        "floor": "int64",
+        "split": "string",
+        "palette": ["string"],
+        "camera": _CAMERA,
+        "objects": [_OBJECT],
+    },
+    "txt": "string",
+    "__key__": "string",
+    "__url__": "string",
+}
+"""Type of every field of a sample. Declared, because a reader that guesses from the first samples guesses
+wrong where their lists happen to be empty."""
+
+_BODY = """
+# {title}
+
+{frames} rendered views of furnished homes, made by {generator} with the `{renderer}` renderer: colour,
+metric depth, instance masks, and sentences that say which object lies in which direction and how far away.
+Floors and texture ids of the test split do not occur in the training split.
+
+| split | frames | floors |
+|---|---|---|
+{splits}
+
+{objects} visible instances of {num_categories} categories, {captions} captions. Images are
+{height} x {width} pixels (height x width).
+
+## Files of a sample
+
+- `rgb.png`: 8-bit colour.
+- `depth.png`: 16-bit, millimetres along the optical axis (z-depth, not the length of the ray); 0 is invalid.
+- `instance.png`: 16-bit instance ids; 0 is background. Walls, floors and ceilings have ids of their own.
+- `json`: scene, split, materials (`palette`), camera and every visible object: box (pixel edges; right
+  and bottom exclusive), centroid, area, mean depth, direction by both rules, captions. `K` is in pixels
+  with pixel centres at .5. `camera_to_world` is 4x4 in metres; camera axes are x right, y down,
+  z forward; in the world z is up.
+- `txt`: the caption of the largest captioned object, empty where there is none.
+
+`index/frames.parquet` and `index/objects.parquet` have a row per frame and per visible object,
+`scenes/*.json` the floors, `dataset.json` the whole configuration and the checksum of each shard.
+
+## Reading it
+
+```python
+from langwm_data import ShardDataset
+
+dataset = ShardDataset("PATH")
+sample = dataset[0]  # .rgb, .depth in metres, .instance, .meta, .caption
+```
+
+```python
+import webdataset as wds
+from langwm_data.shards.sample import decode_sample
+
+samples = wds.WebDataset("PATH/train/train-000000.tar", shardshuffle=False).map(decode_sample)
+```
+
+```python
+import datasets, numpy as np
+
+rows = datasets.load_dataset("PATH", split="train")
+depth_m = np.asarray(rows[0]["depth.png"]) / 1000
+```
+
+**Depth and masks are 16-bit.** Decoders that turn every image into 8-bit RGB (`.decode("pil")`,
+`.decode("rgb")` of `webdataset`, `.convert("RGB")` of Pillow) clip them at 255 without a word. Use
+`decode_sample`, or read `depth.png` with a reader that keeps 16 bits (`cv2.IMREAD_UNCHANGED`,
+Pillow's mode `I;16`).
+
+## Licence
+
+Homes, furniture and textures are procedural, made by the generator itself; no third-party assets are
+in these files. They may be used under the generator's licence, Apache-2.0.
+"""
+
+
+def write_card(folder: Path, manifest: Manifest) -> None:
+    """Write ``README.md``."""
+    atomic.write_text(folder / CARD_FILE, f"---\n{_head(manifest)}---\n{_body(manifest)}")
+
+
+def _head(manifest: Manifest) -> str:
+    files = [{"split": split, "path": f"{split}/*.tar"} for split in manifest.splits]
+    head = {
+        "pretty_name": "LanGWM homes",
+        "license": "apache-2.0",
+        "language": ["en"],
+        "task_categories": ["depth-estimation", "image-to-text"],
+        "tags": ["webdataset", "embodied-ai", "synthetic"],
+        "size_categories": [_size_category(manifest.frames)],
+        "configs": [{"config_name": "default", "data_files": files}],
+        "dataset_info": {"config_name": "default", "features": _as_list(FEATURES)},
+    }
+    return yaml.safe_dump(head, sort_keys=False)
+
+
+def _body(manifest: Manifest) -> str:
+    splits = [f"| {name} | {split.frames} | {len(split.scenes)} |" for name, split in manifest.splits.items()]
+    return _BODY.format(
+        title="LanGWM homes",
+        frames=manifest.frames,
+        generator=manifest.generator,
+        renderer=manifest.renderer,
+        splits="\n".join(splits),
+        objects=manifest.objects,
+        num_categories=len(manifest.categories),
+        captions=manifest.captions,
+        height=manifest.camera.height,
+        width=manifest.camera.width,
+    )
+
+
+def _as_list(features: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Named features in the form that stands in a card."""
+    return [{"name": name, **_typed(kind)} for name, kind in features.items()]
+
+
+def _typed(kind: Any) -> dict[str, Any]:  # noqa: ANN401
+    if isinstance(kind, str):
+        return {"dtype": kind}
+    if isinstance(kind, list):
+        inner = _typed(kind[0])
+        return {"list": inner.get("dtype") or inner.get("struct") or inner}
+    return {"struct": _as_list(kind)}
+
+
+def _size_category(frames: int) -> str:
+    limits = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M"))
+    return next((name for limit, name in limits if frames < limit), "1M<n<10M")

@@ -1,0 +1,143 @@
+"""A pool of processes that do tasks and report progress, or the same in this process.
+
+Owns what may go wrong with processes: a worker that dies, an error in one, an interrupted or killed
+parent. Workers end by themselves when the parent is gone, because their pipe to it closes.
+"""
+
+import logging
+import multiprocessing
+import signal
+import traceback
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, suppress
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from types import TracebackType
+from typing import Any, Self
+
+Report = Callable[[int], None]
+"""Called with the number of units of work just done."""
+Worker = Callable[[Any, Report], None]
+WorkerFactory = Callable[[], AbstractContextManager[Worker]]
+"""Makes what does the tasks; called once in each process, so it has to be picklable."""
+
+_JOIN_S = 5.0
+
+_log = logging.getLogger(__name__)
+
+
+class WorkerPool:
+    """Processes that each hold one worker; with one worker everything happens in this process.
+
+    Processes are spawned, not forked: scripts that use more than one need the usual
+    ``if __name__ == "__main__":``.
+    """
+
+    def __init__(self, make_worker: WorkerFactory, num_workers: int) -> None:
+        assert num_workers >= 1, num_workers
+        self._make_worker = make_worker
+        self._num_workers = num_workers
+        self._pipes: dict[Connection, BaseProcess] = {}
+        self._local: AbstractContextManager[Worker] | None = None
+        self._work: Worker | None = None
+
+    def __enter__(self) -> Self:
+        if self._num_workers == 1:
+            self._local = self._make_worker()
+            self._work = self._local.__enter__()
+            return self
+        context = multiprocessing.get_context("spawn")
+        for number in range(self._num_workers):
+            ours, theirs = context.Pipe()
+            process = context.Process(
+                target=_serve, args=(theirs, self._make_worker), name=f"worker-{number}", daemon=True
+            )
+            process.start()
+            theirs.close()
+            self._pipes[ours] = process
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._local is not None:
+            self._local.__exit__(kind, error, trace)
+        for pipe, process in self._pipes.items():
+            if error is not None:
+                process.terminate()
+            pipe.close()
+        for process in self._pipes.values():
+            process.join(_JOIN_S)
+            process.kill()
+
+    def run(self, tasks: Sequence[Any], report: Report) -> None:
+        """Do all tasks; return when the last one is done.
+
+        Raises:
+            ChildProcessError: If a worker process dies.
+            Exception: What a task raised. Tasks that are done stay done.
+        """
+        if self._work is not None:
+            for task in tasks:
+                self._work(task, report)
+            return
+        waiting = list(reversed(tasks))
+        busy: dict[Connection, Any] = {}
+        for pipe in self._pipes:
+            self._hand_out(pipe, waiting, busy)
+        while busy:
+            for pipe in wait(list(busy)):
+                assert isinstance(pipe, Connection)
+                message = self._receive(pipe, busy[pipe])
+                if isinstance(message, int):
+                    report(message)
+                    continue
+                del busy[pipe]
+                if message is not None:
+                    raise message
+                self._hand_out(pipe, waiting, busy)
+
+    def _hand_out(self, pipe: Connection, waiting: list[Any], busy: dict[Connection, Any]) -> None:
+        if waiting:
+            busy[pipe] = waiting.pop()
+            with suppress(BrokenPipeError):  # A dead worker is noticed when its answer is read.
+                pipe.send(busy[pipe])
+
+    def _receive(self, pipe: Connection, task: object) -> int | Exception | None:
+        try:
+            return pipe.recv()
+        except (EOFError, ConnectionResetError):
+            process = self._pipes[pipe]
+            process.join(_JOIN_S)
+            raise ChildProcessError(
+                f"worker process {process.name} died ({_ending(process.exitcode)}) during {task};"
+                " what was finished is kept, the same command goes on from there"
+            ) from None
+
+
+def _serve(pipe: Connection, make_worker: WorkerFactory) -> None:
+    # An interrupt from the keyboard reaches the whole group; the parent decides what it means.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, _leave)
+    with suppress(EOFError, BrokenPipeError), make_worker() as work:
+        while True:
+            task = pipe.recv()
+            try:
+                work(task, pipe.send)
+            except BrokenPipeError:
+                return
+            except Exception as error:
+                error.add_note(f"in a worker process:\n{traceback.format_exc()}")
+                pipe.send(error)
+            else:
+                pipe.send(None)
+
+
+def _leave(signum: int, _: object) -> None:
+    raise SystemExit(128 + signum)
+
+
+def _ending(exitcode: int | None) -> str:
+    if exitcode is not None and exitcode < 0:
+        return f"killed by {signal.Signals(-exitcode).name}"
+    return f"exit code {exitcode}"
