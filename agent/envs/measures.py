@@ -3,9 +3,6 @@
 import math
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import ArrayLike
-
 
 def path_efficiency(shortest_m: float, path_m: float) -> float:
     """Shortest length over length taken, at most 1.
@@ -54,11 +51,12 @@ class EpisodeMeasures:
     """Steps in contact with an obstacle."""
     is_success: bool = False
 
-    def update(self, xy: ArrayLike, distance_to_goal: float, *, is_collision: bool, is_success: bool) -> None:
+    def update(
+        self, xy: tuple[float, float], distance_to_goal: float, *, is_collision: bool, is_success: bool
+    ) -> None:
         """Take in where one more step led."""
-        x, y = np.asarray(xy, dtype=np.float64).tolist()
-        self.path_length += math.hypot(x - self.position[0], y - self.position[1])
-        self.position = (x, y)
+        self.path_length += math.dist(xy, self.position)
+        self.position = xy
         self.distance_to_goal = distance_to_goal
         self.collisions += is_collision
         self.is_success = is_success

@@ -20,7 +20,7 @@ from agent.envs.sites import Site, load_scene
 from langwm_data.labels.instances import is_eligible, label_frame
 from langwm_data.scenes.homes import scene_names
 from langwm_data.scenes.navigation import DistanceField
-from langwm_data.scenes.spec import SceneSpec, Split
+from langwm_data.scenes.spec import MaterialRef, SceneSpec, Split
 from langwm_data.scenes.splits import sample_palette
 from langwm_data.seeding import make_rng
 from langwm_data.sim.camera import Camera
@@ -85,6 +85,7 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
         self.observation_space = _observation_space(self.config)
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.episode: Episode
+        self.palette: tuple[MaterialRef, ...]
         self._site: Site
         self._field: DistanceField
         self._measures: EpisodeMeasures
@@ -192,7 +193,8 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
             self._renderer.load(scene)
             self._rendered_scene = scene.name
         rng = make_rng(episode.palette_seed, "palette")
-        self._renderer.set_palette(sample_palette(rng, scene.slots, self.split))
+        self.palette = sample_palette(rng, scene.slots, self.split)
+        self._renderer.set_palette(self.palette)
 
     def _distance(self) -> float:
         """Straight distance to the goal, metres."""
