@@ -9,11 +9,13 @@ from pydantic import AfterValidator, Field
 
 from langwm_data.config import CameraConfig, LabelsConfig, RenderConfig, RobotConfig, ScenesConfig
 from langwm_data.config_io import config
+from pretrain.config import AugmentConfig, MAEConfig, ObjectMaskConfig, OptimConfig, TextConfig
 
 Positive = Annotated[float, Field(gt=0)]
 PositiveInt = Annotated[int, Field(ge=1)]
 NonNegative = Annotated[float, Field(ge=0)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
+Count = Annotated[int, Field(ge=0)]
 
 
 def _ascending(edges: tuple[float, ...]) -> tuple[float, ...]:
@@ -107,6 +109,16 @@ class MLPConfig:
 
 
 @config
+class TaskConfig:
+    """Encoder of the task observation and its mirror. Source: Sec. 4.1; method notes, decision 21."""
+
+    layers: PositiveInt = 4
+    units: PositiveInt = 256
+    scale: tuple[Positive, ...] = (5.0, math.pi, 0.5, math.pi / 2)
+    """Divides the entries of the task observation: metres, radians, m/s, rad/s. Source: ours."""
+
+
+@config
 class LossScales:
     """Weights of the world model's loss terms; the keys are the terms."""
 
@@ -131,10 +143,7 @@ class WorldModelConfig:
     rssm: RSSMConfig = field(default_factory=RSSMConfig)
     head: MLPConfig = field(default_factory=MLPConfig)
     """Reward and discount heads."""
-    task: MLPConfig = field(default_factory=lambda: MLPConfig(units=256))
-    """Encoder of the task observation and its mirror. Source: Sec. 3.2; decision 21."""
-    task_scale: tuple[Positive, ...] = (5.0, math.pi, 0.5, math.pi / 2)
-    """Divides the entries of the task observation: metres, radians, m/s, rad/s. Source: ours."""
+    task: TaskConfig = field(default_factory=TaskConfig)
     loss_scales: LossScales = field(default_factory=LossScales)
     kl_balance: Fraction = 0.8
     """Share of the KL gradient that moves the prior. Source: DreamerV2."""
@@ -168,9 +177,62 @@ class BehaviorConfig:
 
 @config
 class OptimizerConfig:
-    """Adam for world model, actor and critic. Source: Table 3; weight decay DreamerV2 (decoupled)."""
+    """Adam for world model, actor and critic. Source: Table 3."""
 
     eps: Positive = 1e-5
     grad_clip: Positive = 100.0
     """Largest norm of the gradient."""
-    weight_decay: NonNegative = 1e-6
+
+
+@config
+class FinetuneConfig:
+    """How the MAE goes on learning from replay, and what it is where none was pretrained."""
+
+    model: MAEConfig = field(default_factory=MAEConfig)
+    """Used where no pretrained MAE is given."""
+    text: TextConfig = field(default_factory=TextConfig)
+    """Used where no pretrained MAE is given."""
+    augment: AugmentConfig = field(default_factory=AugmentConfig)
+    objects: ObjectMaskConfig = field(default_factory=ObjectMaskConfig)
+    optimizer: OptimConfig = field(default_factory=OptimConfig)
+    batch_frames: PositiveInt = 800
+    """Source: Table 2 (16 x 50)."""
+    pretrain_updates: Count = 5000
+    """Updates of the MAE on the prefilled replay, before anything else learns. Source: MWM."""
+
+
+@config
+class AgentConfig:
+    """One training run of an agent."""
+
+    system: Literal["langwm"] = "langwm"
+    steps: PositiveInt = 100_000
+    """Environment steps, the prefill included. Source: Sec. 4.1; method notes, decision 24."""
+    seed: int = 0
+    mae: str | None = None
+    """Folder of a pretrain-mae run; without one the MAE learns from replay alone."""
+    features: Literal["frozen", "finetuned"] = "finetuned"
+    """Whether the MAE goes on learning. Source: method notes, decision 26."""
+    device: str = "cpu"
+    precision: Literal["fp32", "bf16"] = "fp32"
+    """``bf16``: autocast; weights and optimizers stay in fp32."""
+    env: EnvConfig = field(default_factory=EnvConfig)
+    replay: ReplayConfig = field(default_factory=ReplayConfig)
+    finetune: FinetuneConfig = field(default_factory=FinetuneConfig)
+    world_model: WorldModelConfig = field(default_factory=WorldModelConfig)
+    behavior: BehaviorConfig = field(default_factory=BehaviorConfig)
+    optimizer: OptimizerConfig = field(default_factory=OptimizerConfig)
+    batch_size: PositiveInt = 16
+    """Sequences per update. Source: Table 2."""
+    batch_length: Annotated[int, Field(ge=2)] = 50
+    """Steps per sequence. Source: Table 2."""
+    prefill_steps: PositiveInt = 5000
+    """Steps with random actions before the first update. Source: MWM configs.yaml."""
+    update_every: PositiveInt = 5
+    """Environment steps per update. Source: Sec. 4.1; method notes, decision 1."""
+    log_every: PositiveInt = 50
+    """Updates per line of metrics."""
+    checkpoint_every: PositiveInt = 5000
+    """Environment steps."""
+    eval_episodes: PositiveInt = 500
+    """On each floor. Source: method notes, section 6."""

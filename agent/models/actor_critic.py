@@ -36,17 +36,17 @@ class ActorCritic(nn.Module):
 
     def policy(self, feat: Float[Tensor, "*B F"]) -> TruncatedNormal:
         """Distribution of the next action."""
-        mean, raw = self.actor(feat).chunk(2, -1)
+        mean, raw = self.actor(feat).float().chunk(2, -1)
         scale = (MAX_STD - MIN_STD) * raw.sigmoid() + MIN_STD
         return TruncatedNormal(mean.tanh(), scale)
 
     def value(self, feat: Float[Tensor, "*B F"]) -> Float[Tensor, "*B"]:
         """Expected discounted sum of the rewards to come."""
-        return self.critic(feat).squeeze(-1)
+        return self.critic(feat).squeeze(-1).float()
 
     def slow_value(self, feat: Float[Tensor, "*B F"]) -> Float[Tensor, "*B"]:
         """The same, by the slow critic."""
-        return self.slow_critic(feat).squeeze(-1)
+        return self.slow_critic(feat).squeeze(-1).float()
 
     def copy_to_slow_critic(self) -> None:
         """Let the slow critic catch up."""

@@ -42,13 +42,8 @@ def categorical_entropy(logit: Float[Tensor, "*B S K"]) -> Float[Tensor, "*B"]:
     return -(log_p.exp() * log_p).sum((-2, -1))
 
 
-def symlog(x: Tensor) -> Tensor:
-    """sign(x) ln(1 + |x|): keeps small values as they are and compresses large ones. Source: MWM."""
-    return torch.sign(x) * torch.log1p(x.abs())
-
-
 def symexp(x: Tensor) -> Tensor:
-    """Inverse of ``symlog``."""
+    """Inverse of ``pretrain.losses.symlog``."""
     return torch.sign(x) * torch.expm1(x.abs())
 
 

@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from agent.config import MLPConfig, PoolingConfig
+from agent.config import PoolingConfig, TaskConfig
 from agent.models.nets import make_linear, make_mlp
 from pretrain.transformer import Transformer
 
@@ -19,7 +19,7 @@ class PoolingEncoder(nn.Module):
     Source: Table 3 (81 + 1 tokens, 2 layers, 4 heads); Sec. 3.2 (task observation: 4 x 256, ELU).
     """
 
-    def __init__(self, config: PoolingConfig, task: MLPConfig, visual_dim: int, task_dim: int) -> None:
+    def __init__(self, config: PoolingConfig, task: TaskConfig, visual_dim: int, task_dim: int) -> None:
         super().__init__()
         self.visual_in = make_linear(visual_dim, config.dim)
         self.task_in = make_mlp(task_dim, task.units, task.layers, config.dim)

@@ -113,7 +113,7 @@ class RSSM(nn.Module):
         return self.cell(x, deter)
 
     def _split(self, logit: Tensor) -> Tensor:
-        return rearrange(logit, "... (s k) -> ... s k", s=self.config.num_latents)
+        return rearrange(logit.float(), "... (s k) -> ... s k", s=self.config.num_latents)
 
 
 def balanced_kl(

@@ -12,10 +12,11 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from agent.config import WorldModelConfig
-from agent.models.distributions import categorical_entropy, symexp, symlog
+from agent.models.distributions import categorical_entropy, symexp
 from agent.models.encoder import PoolingEncoder, TokenDecoder
 from agent.models.nets import make_mlp
 from agent.models.rssm import RSSM, Latent, balanced_kl
+from pretrain.losses import symlog
 
 Metrics = dict[str, float]
 
@@ -51,7 +52,7 @@ class WorldModel(nn.Module):
         self.task_decoder = make_mlp(feat_dim, task.units, task.layers, task_dim)
         self.reward_head = make_mlp(feat_dim, head.units, head.layers, 1)
         self.discount_head = make_mlp(feat_dim, head.units, head.layers, 1)
-        self.register_buffer("task_scale", torch.tensor(config.task_scale), persistent=False)
+        self.register_buffer("task_scale", torch.tensor(task.scale), persistent=False)
         self.task_scale: Tensor
 
     def embed(self, tokens: Float[Tensor, "B N V"], task: Float[Tensor, "B P"]) -> Float[Tensor, "B D"]:
@@ -60,12 +61,12 @@ class WorldModel(nn.Module):
 
     def predict_reward(self, feat: Float[Tensor, "*B F"]) -> Float[Tensor, "*B"]:
         """Reward for arriving in a state, in the environment's units."""
-        raw = self.reward_head(feat).squeeze(-1)
+        raw = self.reward_head(feat).squeeze(-1).float()
         return symexp(raw) if self.config.reward_transform == "symlog" else raw
 
     def predict_discount(self, feat: Float[Tensor, "*B F"]) -> Float[Tensor, "*B"]:
         """Gamma where the episode goes on from a state, 0 where it has terminated."""
-        return self.discount_head(feat).squeeze(-1).sigmoid()
+        return self.discount_head(feat).squeeze(-1).float().sigmoid()
 
 
 def world_model_loss(

@@ -30,9 +30,9 @@ def test_wilson_interval_of_published_cells():
 
 def test_bootstrap_interval_agrees_with_scipy():
     values = np.random.default_rng(0).exponential(size=80)
-    ours = bootstrap_interval(values, np.random.default_rng(1), resamples=5000)
+    ours = bootstrap_interval(values, np.random.default_rng(1), resamples=20_000)
     theirs = stats.bootstrap(
-        (values,), np.mean, method="percentile", n_resamples=5000, rng=np.random.default_rng(2)
+        (values,), np.mean, method="percentile", n_resamples=20_000, rng=np.random.default_rng(2)
     ).confidence_interval
     assert ours.mean == pytest.approx(values.mean())
     assert ours.low == pytest.approx(theirs.low, abs=0.02)

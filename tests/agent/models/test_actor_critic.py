@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from agent.config import BehaviorConfig, MLPConfig, PoolingConfig, RSSMConfig, WorldModelConfig
+from agent.config import BehaviorConfig, MLPConfig, PoolingConfig, RSSMConfig, TaskConfig, WorldModelConfig
 from agent.models.actor_critic import ActorCritic, Imagination, actor_loss, critic_loss, imagine
 from agent.models.nets import frozen
 from agent.models.rssm import Latent
@@ -20,7 +20,7 @@ def model():
         pooling=PoolingConfig(dim=8, num_heads=2, num_layers=1, mlp_ratio=2),
         rssm=RSSMConfig(num_latents=4, num_classes=4, deter=8, hidden=8),
         head=MLPConfig(layers=1, units=8),
-        task=MLPConfig(layers=1, units=8),
+        task=TaskConfig(layers=1, units=8),
     )
     return WorldModel(config, num_tokens=2, token_dim=4, task_dim=4, action_dim=2)
 

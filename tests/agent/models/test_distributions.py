@@ -10,8 +10,8 @@ from agent.models.distributions import (
     categorical_kl,
     sample_straight_through,
     symexp,
-    symlog,
 )
+from pretrain.losses import symlog
 
 
 @pytest.fixture

@@ -3,14 +3,14 @@ import dataclasses
 import pytest
 import torch
 
-from agent.config import LossScales, MLPConfig, PoolingConfig, RSSMConfig, WorldModelConfig
+from agent.config import LossScales, MLPConfig, PoolingConfig, RSSMConfig, TaskConfig, WorldModelConfig
 from agent.models.world_model import ModelBatch, WorldModel, world_model_loss
 
 CONFIG = WorldModelConfig(
     pooling=PoolingConfig(dim=16, num_heads=2, num_layers=1, mlp_ratio=2, dropout=0.0),
     rssm=RSSMConfig(num_latents=8, num_classes=8, deter=32, hidden=32),
     head=MLPConfig(layers=1, units=32),
-    task=MLPConfig(layers=1, units=32),
+    task=TaskConfig(layers=1, units=32),
 )
 
 

@@ -1,0 +1,43 @@
+"""Policies that learn nothing: what every learned one has to beat."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from agent.rollout import Policy
+from langwm_data.seeding import make_rng
+
+TURN_ABOVE_RAD = math.radians(15)
+"""Beyond this bearing, ``turn_to_goal`` turns on the spot."""
+
+
+def make_random_policy(seed: int) -> Policy:
+    """Uniform actions; the same ones in every episode begun with the same seed."""
+
+    def act(obs: Mapping[str, np.ndarray], state: int | None) -> tuple[np.ndarray, int]:
+        step = state or 0
+        rng = make_rng(seed, "random policy", step)
+        return rng.uniform(-1, 1, size=2).astype(np.float32), step + 1
+
+    return act
+
+
+def straight_ahead(obs: Mapping[str, np.ndarray], state: None) -> tuple[np.ndarray, None]:
+    """Full speed forwards, whatever comes."""
+    return np.array([1, 0], dtype=np.float32), None
+
+
+def turn_to_goal(obs: Mapping[str, np.ndarray], state: None) -> tuple[np.ndarray, None]:
+    """Turn until the goal is ahead, then drive towards it; blind to obstacles."""
+    bearing = float(obs["task"][1])
+    turn = float(np.clip(bearing / TURN_ABOVE_RAD, -1, 1))
+    return np.array([0 if abs(bearing) > TURN_ABOVE_RAD else 1, turn], dtype=np.float32), None
+
+
+CONTROLS: Mapping[str, Policy] = {
+    "random": make_random_policy(0),
+    "straight-ahead": straight_ahead,
+    "turn-to-goal": turn_to_goal,
+}
+"""The controls under the names they have in tables."""

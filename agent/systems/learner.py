@@ -1,0 +1,118 @@
+"""How LanGWM learns: one step each of the world model and of actor and critic, in this order.
+
+Owns these three optimizers. The MAE's own step comes first and stands in ``finetune``.
+"""
+
+from typing import Any
+
+import torch
+
+from agent.config import AgentConfig
+from agent.models.actor_critic import (
+    actor_loss,
+    behavior_metrics,
+    critic_loss,
+    imagine,
+)
+from agent.models.nets import frozen
+from agent.models.rssm import Latent
+from agent.models.world_model import Metrics, ModelBatch, world_model_loss
+from agent.replay import ReplayBatch
+from agent.systems.langwm import LanGWM
+from pretrain.config import OptimConfig
+from pretrain.optim import make_optimizer, optimizer_step
+from pretrain.update import torch_seed
+
+
+class Learner:
+    """Optimizers of world model, actor and critic.
+
+    Random numbers depend on the seed and the number of the update alone, so an interrupted run goes
+    on with the same losses.
+
+    Source: Sec. 4.1 (optimised independently); method notes, decision 19 (one step each, in order).
+    """
+
+    def __init__(self, model: LanGWM, config: AgentConfig) -> None:
+        self._model = model
+        self._config = config
+        self._device_type = model.device.type
+        behavior = config.behavior
+        self._optim = {
+            "wm": _adam(config, config.world_model.learning_rate),
+            "actor": _adam(config, behavior.actor_learning_rate),
+            "critic": _adam(config, behavior.critic_learning_rate),
+        }
+        modules = {"wm": model.world_model, "actor": model.behavior.actor, "critic": model.behavior.critic}
+        self._optimizers = {name: make_optimizer(modules[name], self._optim[name]) for name in modules}
+
+    def update(self, batch: ReplayBatch, index: int) -> Metrics:
+        """Take update number ``index`` on ``batch``; its metrics.
+
+        Raises:
+            FloatingPointError: If a loss is not finite.
+        """
+        seed, device = self._config.seed, self._model.device
+        generator = torch.Generator(device).manual_seed(torch_seed(seed, "update", index))
+        with torch.random.fork_rng([] if device.type == "cpu" else [device], device_type=device.type):
+            torch.manual_seed(torch_seed(seed, "dropout", index))
+            post, metrics = self._update_world_model(batch.to(device), index, generator)
+        is_alive = (~batch.is_terminal.to(device)).float().flatten()
+        metrics |= self._update_behavior(post.detach().flatten_time(), is_alive, index, generator)
+        if (index + 1) % self._config.behavior.slow_critic_every == 0:
+            self._model.behavior.copy_to_slow_critic()
+        return metrics
+
+    def state_dict(self) -> dict[str, Any]:
+        """Of the optimizers."""
+        return {name: optimizer.state_dict() for name, optimizer in self._optimizers.items()}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Read back ``state_dict``."""
+        for name, optimizer in self._optimizers.items():
+            optimizer.load_state_dict(state[name])
+
+    def _update_world_model(
+        self, batch: ReplayBatch, index: int, generator: torch.Generator
+    ) -> tuple[Latent, Metrics]:
+        model = self._model.world_model.train()
+        with self._autocast():
+            tokens = self._model.mae.encode(batch.rgb.flatten(0, 1))
+            seen = ModelBatch(
+                tokens=tokens.unflatten(0, batch.reward.shape),
+                task=batch.task,
+                action=batch.action,
+                reward=batch.reward,
+                is_first=batch.is_first,
+                is_terminal=batch.is_terminal,
+            )
+            loss, metrics, post = world_model_loss(model, seen, generator)
+        return post, metrics | self._step("wm", loss, index)
+
+    def _update_behavior(
+        self, start: Latent, is_alive: torch.Tensor, index: int, generator: torch.Generator
+    ) -> Metrics:
+        model, behavior = self._model.world_model.eval(), self._model.behavior
+        with self._autocast():
+            with frozen(model):
+                imagined = imagine(model, behavior, start, generator)
+            actor, returns, weight = actor_loss(imagined, is_alive, behavior.config)
+            critic = critic_loss(behavior, imagined.feat, returns, weight)
+        metrics = behavior_metrics(imagined, returns, actor, critic)
+        return metrics | self._step("actor", actor, index) | self._step("critic", critic, index)
+
+    def _step(self, name: str, loss: torch.Tensor, index: int) -> Metrics:
+        taken = optimizer_step(loss, self._optimizers[name], self._optim[name], index)
+        prefix = "wm/" if name == "wm" else f"behavior/{name}_"
+        return {f"{prefix}grad_norm": taken["grad_norm"]}
+
+    def _autocast(self) -> torch.autocast:
+        is_bf16 = self._config.precision == "bf16"
+        return torch.autocast(self._device_type, torch.bfloat16, enabled=is_bf16)
+
+
+def _adam(config: AgentConfig, learning_rate: float) -> OptimConfig:
+    shared = config.optimizer
+    return OptimConfig(
+        learning_rate=learning_rate, epsilon=shared.eps, max_grad_norm=shared.grad_clip, warmup_steps=0
+    )
