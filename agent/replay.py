@@ -23,11 +23,10 @@ from torch import Tensor
 
 from agent.config import ReplayConfig
 from langwm_data import atomic
+from langwm_data.shards.sample import to_metres
+from pretrain.batch import FrameBatch, FrameObject
 
 SCHEMA_VERSION = 1
-
-SeenObject = dict[str, Any]
-"""One eligible object of a frame: ``category``, ``bbox_xyxy``, ``center_x``, ``distance_m``."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +39,7 @@ class ReplayEpisode:
     task: Float32[np.ndarray, "T F"]
     action: Float32[np.ndarray, "T A"]
     reward: Float32[np.ndarray, " T"]
-    objects: Sequence[Sequence[SeenObject]]
+    objects: Sequence[Sequence[FrameObject]]
     is_terminal: bool
     """Whether the last step ended the episode for good; a timeout does not."""
 
@@ -62,13 +61,24 @@ class ReplayBatch:
     is_last: Bool[Tensor, "B T"]
     is_terminal: Bool[Tensor, "B T"]
     """The last step of an episode that terminated; False where it was cut off by a timeout."""
-    objects: list[list[list[SeenObject]]]
+    objects: list[list[list[FrameObject]]]
     """Per row and step, the labelled objects; empty lists where the environment gave none."""
 
     def to(self, device: torch.device | str) -> "ReplayBatch":
         """The same batch with its tensors on ``device``."""
         tensors = {k: v.to(device) for k, v in vars(self).items() if isinstance(v, Tensor)}
         return replace(self, **tensors)
+
+    def frames(self) -> FrameBatch:
+        """All steps of all rows as single frames, for finetuning the autoencoder."""
+        reward = self.reward.flatten().numpy(force=True)
+        return FrameBatch(
+            rgb=self.rgb.flatten(0, 1).numpy(force=True),
+            depth=self.depth.flatten(0, 1).numpy(force=True),
+            objects=[objects for row in self.objects for objects in row],
+            reward=reward,
+            has_reward=np.ones(len(reward), dtype=np.bool_),
+        )
 
 
 @dataclass(frozen=True)
@@ -188,7 +198,7 @@ def _write_episode(path: Path, episode: ReplayEpisode) -> _Entry:
     lengths = {len(a) for a in (episode.rgb, episode.depth_mm, episode.task, episode.action, episode.objects)}
     assert lengths == {length}, f"columns of unequal length: {lengths} and {length}"
     flat = [o for frame in episode.objects for o in frame]
-    categories = tuple(sorted({o["category"] for o in flat}))
+    categories = tuple(sorted({o.category for o in flat}))
     tensors = {
         "rgb": episode.rgb,
         "depth_mm": episode.depth_mm,
@@ -196,10 +206,10 @@ def _write_episode(path: Path, episode: ReplayEpisode) -> _Entry:
         "action": episode.action,
         "reward": episode.reward,
         "object_offset": np.cumsum([0, *map(len, episode.objects)], dtype=np.int64),
-        "object_category": np.array([categories.index(o["category"]) for o in flat], np.int64),
-        "object_box": np.array([o["bbox_xyxy"] for o in flat], np.float64).reshape(-1, 4),
-        "object_center_x": np.array([o["center_x"] for o in flat], np.float64),
-        "object_distance_m": np.array([o["distance_m"] for o in flat], np.float64),
+        "object_category": np.array([categories.index(o.category) for o in flat], np.int64),
+        "object_box": np.array([o.bbox_xyxy for o in flat], np.float64).reshape(-1, 4),
+        "object_center_x": np.array([o.center_x for o in flat], np.float64),
+        "object_distance_m": np.array([o.distance_m for o in flat], np.float64),
     }
     header = {"schema_version": SCHEMA_VERSION, "is_terminal": episode.is_terminal, "categories": categories}
     with atomic.atomic_path(path) as temporary:
@@ -234,12 +244,12 @@ def _read_chunk(entry: _Entry, start: int, stop: int) -> dict[str, Any]:
             for k in ("category", "box", "center_x", "distance_m")
         ]
     flat = [
-        {"category": entry.categories[c], "bbox_xyxy": tuple(box), "center_x": x, "distance_m": d}
+        FrameObject(category=entry.categories[c], bbox_xyxy=tuple(box), center_x=x, distance_m=d)
         for c, box, x, d in zip(*columns, strict=True)
     ]
     is_last = steps == entry.length - 1
     return chunk | {
-        "depth": depth_mm.astype(np.float32) / np.float32(1000),
+        "depth": to_metres(depth_mm),
         "is_first": steps == 0,
         "is_last": is_last,
         "is_terminal": is_last & entry.is_terminal,

@@ -4,7 +4,7 @@ Owns the order of acting, stepping and recording, and how an unfinished episode 
 restart. Knows no model: a policy is any function of observation and state.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -13,7 +13,9 @@ import numpy as np
 from jaxtyping import Float64
 
 from agent.envs.episodes import Episode
-from agent.replay import ReplayEpisode, SeenObject
+from agent.replay import ReplayEpisode
+from langwm_data.shards.sample import to_millimetres
+from pretrain.batch import FrameObject
 
 
 class Policy(Protocol):
@@ -157,7 +159,7 @@ class Collector:
         assert shape is not None, "the action space is a Box"
         self._actions = [np.zeros(shape, np.float32)]
         self._rewards = [0.0]
-        self._objects: list[Sequence[SeenObject]] = [info.get("objects", ())]
+        self._objects = [_seen_objects(info)]
 
     def _take(self, action: np.ndarray) -> tuple[bool, bool, dict[str, Any]]:
         obs, reward, terminated, truncated, info = self._env.step(action)
@@ -165,17 +167,20 @@ class Collector:
         self._observations.append(obs)
         self._actions.append(action)
         self._rewards.append(float(reward))
-        self._objects.append(info.get("objects", ()))
+        self._objects.append(_seen_objects(info))
         return terminated, truncated, info
 
     def _as_replay(self, *, is_terminal: bool) -> ReplayEpisode:
-        depth = np.stack([o["depth"] for o in self._observations])
         return ReplayEpisode(
             rgb=np.stack([o["rgb"] for o in self._observations]),
-            depth_mm=np.clip(np.rint(depth * 1000), 0, 65535).astype(np.uint16),
+            depth_mm=to_millimetres(np.stack([o["depth"] for o in self._observations])),
             task=np.stack([o["task"] for o in self._observations]),
             action=np.stack(self._actions),
             reward=np.array(self._rewards, dtype=np.float32),
             objects=self._objects,
             is_terminal=is_terminal,
         )
+
+
+def _seen_objects(info: Mapping[str, Any]) -> list[FrameObject]:
+    return [FrameObject(**values) for values in info.get("objects", ())]

@@ -1,7 +1,6 @@
 """A scene made ready to drive in: its free space and its physics, built once and kept."""
 
 from types import TracebackType
-from typing import Self
 
 from agent.config import EnvConfig
 from langwm_data.scenes.navigation import FreeSpace
@@ -30,7 +29,7 @@ class Site:
         """Free the physics client."""
         self.world.close()
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "Site":
         return self
 
     def __exit__(

@@ -6,23 +6,24 @@ import torch
 
 from agent.config import ReplayConfig
 from agent.replay import Replay, ReplayEpisode
+from pretrain.batch import FrameObject
 
 SIZE = (4, 6)
 
 
-def make_episode(number, length, *, is_terminal=True, first_object=0):
+def make_episode(number, length, *, is_terminal=True):
     """Every value says which episode and which step it is from."""
     steps = np.arange(length)
     code = 100 * number + steps
     objects = [
         [
-            {
-                "category": ("chair", "table")[i % 2],
-                "bbox_xyxy": (float(i), 1.0, i + 2.0, 3.5),
-                "center_x": i + 0.3,
-                "distance_m": t + 0.1,
-            }
-            for i in range((t + first_object) % 3)
+            FrameObject(
+                category=("chair", "table")[i % 2],
+                bbox_xyxy=(float(i), 1.0, i + 2.0, 3.5),
+                center_x=i + 0.3,
+                distance_m=t + 0.1,
+            )
+            for i in range(t % 3)
         ]
         for t in steps.tolist()
     ]
@@ -76,7 +77,7 @@ def test_steps_of_a_chunk_belong_together(tmp_path):
         np.testing.assert_allclose(batch.depth[row, :, 0, 0], code / 1000, rtol=1e-6)
         assert [len(o) for o in batch.objects[row]] == [c % 100 % 3 for c in code]
         assert all(
-            o["distance_m"] == c % 100 + 0.1 for c, f in zip(code, batch.objects[row], strict=True) for o in f
+            o.distance_m == c % 100 + 0.1 for c, f in zip(code, batch.objects[row], strict=True) for o in f
         )
 
 
@@ -185,10 +186,9 @@ def test_without_a_state_the_buffer_starts_empty(tmp_path):
 
 def test_objects_keep_every_digit(tmp_path):
     replay = Replay(ReplayConfig(), tmp_path)
-    episode = make_episode(0, 2, first_object=1)
-    episode.objects[0][0]["distance_m"] = 0.1 + 0.2
-    replay.add(episode)
-    assert replay.sample(rng(), 1, 2).objects[0] == episode.objects
+    seen = FrameObject(category="sofa", bbox_xyxy=(1 / 3, 0.0, 2.0, 0.7), center_x=0.1 + 0.2, distance_m=1e-9)
+    replay.add(ReplayEpisode(**(vars(make_episode(0, 2)) | {"objects": [[seen], []]})))
+    assert replay.sample(rng(), 1, 2).objects == [[[seen], []]]
 
 
 def test_no_objects_at_all_is_fine(tmp_path):
@@ -197,6 +197,17 @@ def test_no_objects_at_all_is_fine(tmp_path):
     replay.add(ReplayEpisode(**values))
     batch = replay.sample(rng(), 2, 3)
     assert not list(itertools.chain.from_iterable(itertools.chain.from_iterable(batch.objects)))
+
+
+def test_frames_for_the_autoencoder_come_row_by_row(tmp_path):
+    batch = make_replay(tmp_path, [9]).sample(rng(), 2, 4)
+    frames = batch.frames()
+    assert len(frames) == 8
+    np.testing.assert_array_equal(frames.rgb[5], batch.rgb[1, 1])
+    np.testing.assert_array_equal(frames.depth[5], batch.depth[1, 1])
+    assert frames.objects[5] == batch.objects[1][1]
+    assert frames.reward[5] == batch.reward[1, 1]
+    assert frames.has_reward.all()
 
 
 def test_moving_a_batch_keeps_its_objects(tmp_path):

@@ -4,7 +4,6 @@ import gymnasium
 import numpy as np
 import pytest
 
-from agent.replay import SeenObject
 from agent.rollout import Collector, run_episode
 
 
@@ -40,7 +39,7 @@ class LineEnv(gymnasium.Env):
         return {"rgb": rgb, "depth": depth, "task": task}
 
     def info(self):
-        seen: SeenObject = {
+        seen = {
             "category": "chair",
             "bbox_xyxy": (0.0, 0.0, 2.0, 2.0),
             "center_x": 1.0,
@@ -116,7 +115,7 @@ def test_collected_actions_stand_beside_what_they_led_to():
     assert replay.reward[-1] == pytest.approx(9.9)
     assert replay.is_terminal
     np.testing.assert_allclose(replay.depth_mm[:, 0, 0], 1000 * (2 - done.record.trajectory[:, 0]), atol=0.51)
-    assert [len(o) for o in replay.objects] == [1] * length
+    assert [[o.category for o in frame] for frame in replay.objects] == [["chair"]] * length
 
 
 def test_collecting_without_labels_gives_empty_tables():
