@@ -8,28 +8,15 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-import pyarrow as pa
-import pyarrow.compute as pc
-
 from langwm_data import __version__, atomic
 from langwm_data.config import DatasetConfig
 from langwm_data.config_io import claim_output, config_to_dict
 from langwm_data.frames import BakeTask, RenderWorker, scene_file
 from langwm_data.plan import SPLITS, ShardTask, plan_shards, scenes_needed
-from langwm_data.shards.card import write_card
-from langwm_data.shards.manifest import (
-    FRAMES_FILE,
-    MANIFEST_FILE,
-    OBJECTS_FILE,
-    SCENES_DIR,
-    CameraRecord,
-    Manifest,
-    ShardRecord,
-    SplitRecord,
-    write_manifest,
-)
+from langwm_data.shards.finish import Origin, finish_dataset
+from langwm_data.shards.manifest import MANIFEST_FILE, SCENES_DIR, CameraRecord
 from langwm_data.shards.sample import MILLIMETRES
-from langwm_data.shards.writer import WORK_DIR, complete_shard, read_parts, shard_path, write_table
+from langwm_data.shards.writer import WORK_DIR, complete_shard, shard_path
 from langwm_data.sim.camera import Camera
 from langwm_data.workers import WorkerPool
 
@@ -76,7 +63,9 @@ def render_dataset(
     if len(todo) < len(tasks):
         _log.info("%d of %d shards are there; going on with the rest", len(tasks) - len(todo), len(tasks))
     _render(config, out, todo, workers, progress or _ignore)
-    _finish(config, out, tasks)
+    records = [complete_shard(out, shard_path(t.split, t.number)) for t in tasks]
+    assert None not in records
+    finish_dataset(out, [r for r in records if r], _origin(config))
     return out
 
 
@@ -120,33 +109,9 @@ def _render(
         pool.run(todo, report)
 
 
-def _finish(config: DatasetConfig, out: Path, tasks: list[ShardTask]) -> None:
-    """Put the index together, describe the dataset, and last of all declare it complete."""
-    records = []
-    for task in tasks:
-        record = complete_shard(out, shard_path(task.split, task.number))
-        assert record is not None, task
-        records.append(record)
-    frames, objects = read_parts(out, records)
-    write_table(out / FRAMES_FILE, frames)
-    write_table(out / OBJECTS_FILE, objects)
-    manifest = _describe(config, records, frames, objects)
-    write_card(out, manifest)
-    _remove_leftovers(out)
-    write_manifest(out, manifest)
-    shutil.rmtree(out / WORK_DIR)
-
-
-def _describe(
-    config: DatasetConfig, records: list[ShardRecord], frames: pa.Table, objects: pa.Table
-) -> Manifest:
+def _origin(config: DatasetConfig) -> Origin:
     camera = Camera.on_robot(config.camera, (0.0, 0.0), 0.0)
-    splits = {}
-    for split in SPLITS:
-        part = frames.filter(pc.field("split") == split)
-        if len(part):
-            splits[split] = SplitRecord(frames=len(part), scenes=_counts(part["scene"]))
-    return Manifest(
+    return Origin(
         generator=GENERATOR,
         fingerprint=fingerprint(config),
         renderer=config.render.backend,
@@ -157,24 +122,7 @@ def _describe(
             K=camera.intrinsics.tolist(),
             depth_unit_m=1 / MILLIMETRES,
         ),
-        categories=_counts(objects["category"]),
-        splits=splits,
-        frames=len(frames),
-        objects=len(objects),
-        captions=sum(frames["num_captions"].to_pylist()),
-        shards=records,
     )
-
-
-def _counts(column: pa.ChunkedArray) -> dict[str, int]:
-    counts = {entry["values"]: entry["counts"] for entry in column.value_counts().to_pylist()}
-    return dict(sorted(counts.items()))
-
-
-def _remove_leftovers(out: Path) -> None:
-    """Remove temporary files of jobs that were killed."""
-    for path in out.rglob(".*.tmp"):
-        path.unlink(missing_ok=True)
 
 
 def _ignore(*_: int) -> None:

@@ -96,6 +96,8 @@ def read_manifest(folder: Path) -> Manifest:
     Raises:
         DatasetError: If ``folder`` is missing, holds no finished dataset, or one this program cannot read.
     """
+    if folder.is_file():
+        raise DatasetError(f"no dataset at {str(folder)!r}: it is a file; give the folder")
     if not folder.is_dir():
         raise DatasetError(f"no dataset at {str(folder)!r}: the folder does not exist")
     path = folder / MANIFEST_FILE

@@ -46,7 +46,8 @@ class DatasetSummary:
             f"captions: {self.captions}; frames without one: {self.frames_without_caption}",
         ]
         for split, scenes in self.scenes.items():
-            lines += ["", f"{split}: {self.frames[split]} frames on {len(scenes)} floors", *_bars(scenes)]
+            floors = f"{len(scenes)} floor{'s' if len(scenes) > 1 else ''}"
+            lines += ["", f"{split}: {self.frames[split]} frames on {floors}", *_bars(scenes)]
         names = {phrase(category): count for category, count in self.categories.items()}
         lines += ["", f"objects: {sum(names.values())} in {len(names)} categories", *_bars(names)]
         bins = {f"{low}-{low + 1} m": count for low, count in self.distances.items()}

@@ -1,0 +1,72 @@
+"""From complete shards to a dataset: the index put together, the data card, and the manifest last."""
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from langwm_data.shards.card import write_card
+from langwm_data.shards.manifest import (
+    FRAMES_FILE,
+    OBJECTS_FILE,
+    CameraRecord,
+    Manifest,
+    ShardRecord,
+    SplitRecord,
+    write_manifest,
+)
+from langwm_data.shards.writer import WORK_DIR, read_parts, write_table
+
+
+@dataclass(frozen=True, kw_only=True)
+class Origin:
+    """How a dataset was made; stands in its manifest."""
+
+    generator: str
+    fingerprint: str
+    renderer: str
+    config: dict[str, Any]
+    camera: CameraRecord
+
+
+def finish_dataset(folder: Path, records: Sequence[ShardRecord], origin: Origin) -> Manifest:
+    """Make a dataset of the shards that ``records`` name; only now does it count as one."""
+    frames, objects = read_parts(folder, records)
+    write_table(folder / FRAMES_FILE, frames)
+    write_table(folder / OBJECTS_FILE, objects)
+    manifest = Manifest(
+        generator=origin.generator,
+        fingerprint=origin.fingerprint,
+        renderer=origin.renderer,
+        config=origin.config,
+        camera=origin.camera,
+        categories=_counts(objects["category"]),
+        splits=_splits(frames),
+        frames=len(frames),
+        objects=len(objects),
+        captions=sum(frames["num_captions"].to_pylist()),
+        shards=list(records),
+    )
+    write_card(folder, manifest)
+    for leftover in folder.rglob(".*.tmp"):  # of jobs that were killed
+        leftover.unlink(missing_ok=True)
+    write_manifest(folder, manifest)
+    shutil.rmtree(folder / WORK_DIR)
+    return manifest
+
+
+def _splits(frames: pa.Table) -> dict[Any, SplitRecord]:
+    splits = {}
+    for name in dict.fromkeys(frames["split"].to_pylist()):
+        part = frames.filter(pc.field("split") == name)
+        splits[name] = SplitRecord(frames=len(part), scenes=_counts(part["scene"]))
+    return splits
+
+
+def _counts(column: pa.ChunkedArray) -> dict[str, int]:
+    counts = {entry["values"]: entry["counts"] for entry in column.value_counts().to_pylist()}
+    return dict(sorted(counts.items()))

@@ -1,0 +1,103 @@
+import errno
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from langwm_data.workers import WorkerPool
+
+
+class Squarer:
+    """A worker for tests; tasks are numbers to square, or words that make it fail."""
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def __call__(self, task, report):
+        if task == "full disk":
+            raise OSError(errno.ENOSPC, "No space left on device", "shard.tar")
+        if task == "die":
+            os.kill(os.getpid(), signal.SIGKILL)
+        report(task * task)
+
+
+@pytest.mark.parametrize("num_workers", [1, 2])
+def test_all_tasks_are_done_and_reported(num_workers):
+    reported = []
+    with WorkerPool(Squarer, num_workers) as pool:
+        pool.run(range(6), reported.append)
+        assert sorted(reported) == [0, 1, 4, 9, 16, 25]
+        pool.run([], reported.append)
+        pool.run([7], reported.append)
+    assert reported[-1] == 49
+
+
+@pytest.mark.parametrize("num_workers", [1, 2])
+def test_errors_arrive_as_they_were_raised(num_workers):
+    with (
+        pytest.raises(OSError, match="No space left on device") as caught,
+        WorkerPool(Squarer, num_workers) as pool,
+    ):
+        pool.run([1, "full disk", 2], int)
+    assert (caught.value.errno, caught.value.filename) == (errno.ENOSPC, "shard.tar")
+
+
+def test_a_killed_worker_is_reported():
+    message = "worker process worker-0 died .killed by SIGKILL. during die; what was finished is kept"
+    with pytest.raises(ChildProcessError, match=message), WorkerPool(Squarer, 2) as pool:
+        pool.run(["die"], int)
+
+
+ORPHANS = """
+import os, sys, time
+from langwm_data.workers import WorkerPool
+
+class Sleeper:
+    def __enter__(self): return self
+    def __exit__(self, *_): pass
+    def __call__(self, task, report):
+        print(os.getpid(), flush=True)
+        while True:
+            time.sleep(0.05)
+            report(0)
+
+if __name__ == "__main__":
+    with WorkerPool(Sleeper, 2) as pool:
+        pool.run([1, 2], int)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_workers_end_with_their_parent(number, tmp_path):
+    script = tmp_path / "orphans.py"
+    script.write_text(ORPHANS)
+    environment = os.environ | {"PYTHONPATH": str(Path.cwd())}
+    with subprocess.Popen(
+        [sys.executable, script],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        env=environment,
+    ) as parent:
+        pids = [int(parent.stdout.readline()) for _ in range(2)]
+        parent.send_signal(number)
+        parent.wait(10)
+    deadline = time.monotonic() + 10
+    while any(is_running(pid) for pid in pids) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not any(is_running(pid) for pid in pids)
+
+
+def is_running(pid):
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return False
+    return state != "Z"
