@@ -46,7 +46,8 @@ class FrameDataset:
         if not len(shards):
             raise ConfigError(f"--data {str(shards.path)!r} has no frames to train on")
         self._shards = shards
-        self._objects = _objects_by_frame(shards)
+        self.objects = _objects_by_frame(shards)
+        """Per frame, the objects that may be hidden."""
         num_kept = min(len(shards), ram_mib * 2**20 // (size[0] * size[1] * _BYTES_PER_PIXEL))
         self._rgb = np.empty((num_kept, *size, 3), dtype=np.uint8)
         self._depth_mm = np.empty((num_kept, *size), dtype=np.uint16)
@@ -66,7 +67,7 @@ class FrameDataset:
         return FrameBatch(
             rgb=np.stack([rgb for rgb, _ in frames]),
             depth=to_metres(np.stack([depth for _, depth in frames])),
-            objects=[self._objects[number] for number in numbers],
+            objects=[self.objects[number] for number in numbers],
             reward=np.zeros(len(frames), dtype=np.float32),
             has_reward=np.zeros(len(frames), dtype=np.bool_),
         )

@@ -1,5 +1,7 @@
 """Held-out depth error while training: a fixed batch with fixed boxes and token masks."""
 
+from dataclasses import replace
+
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
@@ -27,12 +29,7 @@ def make_validation_batch(
 
 def always_hide(objects: ObjectMaskConfig) -> ObjectMaskConfig:
     """The same limits without dropout."""
-    return ObjectMaskConfig(
-        max_objects=objects.max_objects,
-        margin_px=objects.margin_px,
-        max_area=objects.max_area,
-        distance_format=objects.distance_format,
-    )
+    return replace(objects, caption_dropout=0.0, box_dropout=0.0)
 
 
 @torch.no_grad()
