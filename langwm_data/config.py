@@ -31,10 +31,12 @@ class CameraConfig:
 
 @config
 class RobotConfig:
-    """Cylinder that stands for the robot. Source: TurtleBot 2 (radius); height ours."""
+    """Cylinder that stands for the robot. Source: TurtleBot 2 (radius); the rest ours."""
 
     radius_m: Positive = 0.176
     height_m: Positive = 0.45
+    clearance_m: Annotated[float, Field(ge=0)] = 0.03
+    """It drives over what is no higher than this, such as a rug."""
 
 
 @config

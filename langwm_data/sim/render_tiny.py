@@ -26,7 +26,7 @@ coordinates stay as they are when the palette changes."""
 
 LIGHT_DIRECTION = (0.64, 0.38, 0.67)
 """Towards the light, in world axes; all six directions of walls, floor and ceiling differ in brightness."""
-AMBIENT, DIFFUSE = 0.5, 0.5
+AMBIENT, DIFFUSE = 0.6, 0.4
 
 
 class TinyRenderer:
