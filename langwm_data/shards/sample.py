@@ -29,7 +29,16 @@ KEY_PATTERN = r"[A-Za-z0-9_-]+"
 MILLIMETRES = 1000.0
 MAX_DEPTH_M = np.iinfo(np.uint16).max / MILLIMETRES
 
-_PNG_PARAMS = (cv2.IMWRITE_PNG_COMPRESSION, 4, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_FILTERED)
+_PNG_PARAMS = (
+    cv2.IMWRITE_PNG_COMPRESSION,
+    4,
+    cv2.IMWRITE_PNG_STRATEGY,
+    cv2.IMWRITE_PNG_STRATEGY_DEFAULT,
+    cv2.IMWRITE_PNG_FILTER,
+    cv2.IMWRITE_PNG_FILTER_NONE,
+)
+"""Chosen by measurement on rendered rooms: within 6 % of the smallest files at a reasonable level, in
+less than two thirds of the time."""
 
 
 class DatasetError(ConfigError):
