@@ -44,6 +44,7 @@ class TinyRenderer:
         self._bodies: list[tuple[int, int]] = []
         """Body and slot of every group."""
         self._instance_of_body = np.zeros(1, np.uint16)
+        self._scene: SceneSpec | None = None
 
     def load(self, scene: SceneSpec) -> None:
         """Replace the scene held."""
@@ -56,10 +57,17 @@ class TinyRenderer:
         for (body, _), group in zip(self._bodies, groups, strict=True):
             table[body] = group.instance
         self._instance_of_body = table
+        self._scene = scene
         self.set_palette(scene.palette)
 
     def set_palette(self, palette: Sequence[MaterialRef]) -> None:
-        """Change the materials of the scene held, keeping its geometry."""
+        """Change the materials of the scene held, keeping its geometry.
+
+        Raises:
+            ValueError: If the palette does not fit the scene.
+        """
+        assert self._scene is not None, "load a scene first"
+        self._scene = self._scene.with_palette(palette)
         for body, slot in self._bodies:
             texture = self._texture(palette[slot])
             self._bullet.changeVisualShape(
