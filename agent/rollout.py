@@ -6,7 +6,7 @@ restart. Knows no model: a policy is any function of observation and state.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import gymnasium
 import numpy as np
@@ -18,6 +18,7 @@ from langwm_data.shards.sample import to_millimetres
 from pretrain.batch import FrameObject
 
 
+@runtime_checkable
 class Policy(Protocol):
     """Chooses an action. ``state`` is whatever it remembers; None at the beginning of an episode."""
 

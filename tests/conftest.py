@@ -96,12 +96,12 @@ def make_objects():
     ]
     quarter = (0.0, 0.0, 0.5**0.5, 0.5**0.5)
     return (
-        make_object(30, "table", (1.0, 2.4, 0.0), (1.0, 0.6, 0.74), table),
+        make_object(30, "dining_table", (1.0, 2.4, 0.0), (1.0, 0.6, 0.74), table),
         make_object(31, "stool", (2.2, 0.9, 0.0), (0.36, 0.36, 0.45), stool),
         make_object(32, "floor_lamp", (0.4, 0.4, 0.0), (0.4, 0.4, 1.6), lamp),
         make_object(
             33,
-            "cabinet",
+            "kitchen_cabinet",
             (5.85, 1.5, 0.0),
             (0.9, 0.4, 1.2),
             [part("box", (0.9, 0.4, 1.2), (0, 0, 0.6), WOOD)],
@@ -110,7 +110,7 @@ def make_objects():
         ),
         make_object(
             34,
-            "box",
+            "cardboard_box",
             (0.8, 2.4, 0.78),
             (0.3, 0.2, 0.15),
             [part("box", (0.3, 0.2, 0.15), (0, 0, 0.075), CLOTH)],

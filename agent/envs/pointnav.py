@@ -6,7 +6,7 @@ terminal state is success, running out of time truncates. Reverse driving is all
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import gymnasium
 import numpy as np
@@ -51,7 +51,7 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
 
     Args:
         config: Sizes, speeds, rewards, scenes.
-        split: Whose homes and whose textures.
+        split: ``"train"`` or ``"test"``: whose homes and whose textures.
         scenes: Play in these scenes instead of the homes of the split.
         render_mode: ``"rgb_array"`` lets ``render`` return the current view.
 
@@ -65,17 +65,17 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
     def __init__(
         self,
         config: EnvConfig | None = None,
-        split: Split = "train",
+        split: str = "train",
         scenes: Sequence[SceneSpec] | None = None,
         render_mode: str | None = None,
     ) -> None:
         self.config = config or EnvConfig()
         _check_arguments(self.config, split, scenes, render_mode)
-        self.split: Split = split
+        self.split: Split = cast("Split", split)
         self.render_mode = render_mode
         self._scenes = None if scenes is None else {s.name: s for s in scenes}
         self.scene_names: tuple[str, ...] = (
-            scene_names(split) if scenes is None else tuple(self._scenes or ())
+            scene_names(self.split) if scenes is None else tuple(self._scenes or ())
         )
         self._sites: dict[str, Site] = {}
         self._renderer = make_renderer(self.config.render)
@@ -238,12 +238,13 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
 
 def _observation_space(config: EnvConfig) -> spaces.Space[Any]:
     size = (config.camera.height, config.camera.width)
-    low = np.array([0.0, -math.pi, -np.inf, -np.inf], dtype=np.float32)
+    high = np.array([np.inf, math.pi, config.max_linear_m_s, config.max_angular_rad_s], dtype=np.float32)
+    low = np.array([0.0, *-high[1:]], dtype=np.float32)
     return spaces.Dict(
         {
             "rgb": spaces.Box(0, 255, (*size, 3), np.uint8),
             "depth": spaces.Box(0.0, config.camera.far_m, size, np.float32),
-            "task": spaces.Box(low, np.array([np.inf, math.pi, np.inf, np.inf], np.float32)),
+            "task": spaces.Box(low, high),
         }
     )
 

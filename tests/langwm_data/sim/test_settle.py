@@ -84,7 +84,7 @@ def test_overlapping_furniture_is_named_with_its_depth(settled):
 
 def test_furniture_in_a_wall_is_named_with_its_depth(settled):
     scene = replaced(settled, 33, position=(5.95, 1.5, 0.0))
-    with pytest.raises(ValueError, match=r"wall 20 .* and cabinet 33 .* overlap by 50 mm"):
+    with pytest.raises(ValueError, match=r"wall 20 .* and kitchen_cabinet 33 .* overlap by 50 mm"):
         check_contacts(scene)
 
 
