@@ -79,19 +79,19 @@ def sample_episode(
     edges = config.distance_edges_m
     low, high = (edges[0], edges[-1]) if tier is None else edges[tier : tier + 2]
     for _ in range(GOALS_TRIED):
-        goal = site.free.sample(rng)
+        goal = _place(rng, site)
         if site.world.collides(goal, 0.0):
             continue
         field = site.free.distance_field(goal)
         for _ in range(STARTS_TRIED):
-            start, yaw = site.free.sample(rng), float(rng.uniform(-np.pi, np.pi))
+            start, yaw = _place(rng, site), float(rng.uniform(-np.pi, np.pi))
             distance = float(field.distance(start))
             if low <= distance < high and not site.world.collides(start, yaw):
                 return Episode(
                     scene=site.scene.name,
-                    start_xy=(float(start[0]), float(start[1])),
+                    start_xy=start,
                     start_yaw=yaw,
-                    goal_xy=(float(goal[0]), float(goal[1])),
+                    goal_xy=goal,
                     palette_seed=int(rng.integers(2**31)),
                     geodesic_distance=distance,
                     tier=int(np.searchsorted(edges, distance, side="right")) - 1,
@@ -100,6 +100,11 @@ def sample_episode(
         f"scene {site.scene.name!r}: found no start and goal {low:g} to {high:g} m apart;"
         " choose other distance_edges_m"
     )
+
+
+def _place(rng: np.random.Generator, site: Site) -> tuple[float, float]:
+    x, y = site.free.sample(rng).tolist()
+    return x, y
 
 
 def fixed_episodes(

@@ -24,7 +24,7 @@ from langwm_data.scenes.spec import MaterialRef, SceneSpec, Split
 from langwm_data.scenes.splits import sample_palette
 from langwm_data.seeding import make_rng
 from langwm_data.sim.camera import Camera
-from langwm_data.sim.render import Frame, make_renderer
+from langwm_data.sim.render import Frame, Renderer, make_renderer
 from langwm_data.sim.world import RobotState
 
 Observation = dict[str, np.ndarray]
@@ -78,8 +78,7 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
             scene_names(self.split) if scenes is None else tuple(self._scenes or ())
         )
         self._sites: dict[str, Site] = {}
-        self._renderer = make_renderer(self.config.render)
-        self._rendered_scene: str | None = None
+        self._renderers: dict[str, Renderer] = {}
         self._next_floor = 0
         self._is_running = False
         self.observation_space = _observation_space(self.config)
@@ -87,6 +86,7 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
         self.episode: Episode
         self.palette: tuple[MaterialRef, ...]
         self._site: Site
+        self._renderer: Renderer
         self._field: DistanceField
         self._measures: EpisodeMeasures
         self._state: RobotState
@@ -134,7 +134,7 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
         self._is_running = not (terminated or truncated)
         self._measures.update(
             self._state.xy,
-            float(self._field.distance(self._state.xy)),
+            self._geodesic(),
             is_collision=self._state.is_collision,
             is_success=terminated,
         )
@@ -153,9 +153,9 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
     def close(self) -> None:
         """Free the renderer and every physics client. The environment cannot be used afterwards."""
         self._is_running = False
-        self._renderer.close()
-        for site in self._sites.values():
-            site.close()
+        for held in (*self._renderers.values(), *self._sites.values()):
+            held.close()
+        self._renderers.clear()
         self._sites.clear()
 
     def _draw_episode(self) -> Episode:
@@ -189,12 +189,20 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
 
     def _show_scene(self, episode: Episode) -> None:
         scene = self._site.scene
-        if self._rendered_scene != scene.name:
-            self._renderer.load(scene)
-            self._rendered_scene = scene.name
+        # Loading takes longer than a short episode, so every floor keeps a renderer.
+        if scene.name not in self._renderers:
+            self._renderers[scene.name] = make_renderer(self.config.render)
+            self._renderers[scene.name].load(scene)
+        self._renderer = self._renderers[scene.name]
         rng = make_rng(episode.palette_seed, "palette")
         self.palette = sample_palette(rng, scene.slots, self.split)
         self._renderer.set_palette(self.palette)
+
+    def _geodesic(self) -> float:
+        """Length of the shortest way to the goal, metres."""
+        distance = float(self._field.distance(self._state.xy))
+        # The robot may squeeze through a gap finer than the grid, to where no way is known.
+        return distance if math.isfinite(distance) else self._measures.distance_to_goal
 
     def _distance(self) -> float:
         """Straight distance to the goal, metres."""

@@ -314,7 +314,11 @@ def test_wrong_episodes_are_refused(env):
     with pytest.raises(ValueError, match="plays in scene 'Elm_9'; this environment has Alder_0"):
         play(env, (1.0, 1.5), 0.0, (3.0, 1.5), scene="Elm_9")
     with pytest.raises(ValueError, match="no way leads from its start to its goal"):
+        play(env, (30.0, 1.5), 0.0, (1.0, 1.5))
+    with pytest.raises(ValueError, match=r"goal \(30.00, 1.50\) is not free"):
         play(env, (1.0, 1.5), 0.0, (30.0, 1.5))
+    with pytest.raises(ValueError, match=r"cannot stand at \(0.10, 1.50\)"):
+        play(env, (0.1, 1.5), 0.0, (1.0, 1.5))
     with pytest.raises(ValueError, match="reset option 'colour' is unknown; allowed: 'episode'"):
         env.reset(options={"colour": 1})
 
