@@ -22,6 +22,8 @@ _MASK_OPACITY = 0.55
 _INVALID_RGB = (128, 128, 128)
 _RAMP_STOPS = 16
 _GOLDEN_RATIO = 0.618034
+_LETTER_WIDTH = 0.58
+"""Of a letter, as a fraction of the font size."""
 
 
 def write_gallery(path: Path | str, out_html: Path, *, count: int = 24) -> None:
@@ -45,7 +47,7 @@ def write_gallery(path: Path | str, out_html: Path, *, count: int = 24) -> None:
         depth_max_m=depth_max_m,
         height=manifest.camera.height,
         width=manifest.camera.width,
-        font_px=round(manifest.camera.height / 18, 2),
+        font_px=_font_px(manifest.camera.height),
         frames=[_describe(sample, depth_max_m) for sample in samples],
     )
     atomic.write_text(out_html, page)
@@ -100,7 +102,9 @@ def _round_depth(samples: list[Sample]) -> int:
 
 def _describe(sample: Sample, depth_max_m: float) -> dict[str, Any]:
     height, width = sample.depth.shape
-    objects = [_describe_object(obj, height, width) for obj in sample.meta["objects"] if obj["captions"]]
+    named = sorted((o for o in sample.meta["objects"] if o["captions"]), key=lambda o: o["area_px"])
+    objects = [_describe_object(obj, width) for obj in reversed(named)]
+    _place_names(objects, height, _font_px(height))
     return {
         "key": sample.key,
         "split": sample.meta["split"],
@@ -112,7 +116,7 @@ def _describe(sample: Sample, depth_max_m: float) -> dict[str, Any]:
     }
 
 
-def _describe_object(obj: dict[str, Any], height: int, width: int) -> dict[str, Any]:
+def _describe_object(obj: dict[str, Any], width: int) -> dict[str, Any]:
     x1, y1, x2, y2 = obj["bbox_xyxy"]
     r, g, b = instance_color(obj["instance"])
     is_right = x1 > 0.6 * width
@@ -122,13 +126,35 @@ def _describe_object(obj: dict[str, Any], height: int, width: int) -> dict[str, 
         "width": x2 - x1,
         "height": y2 - y1,
         "text_x": x2 - 1 if is_right else x1 + 1,
-        "text_y": min(y1 + height / 16, height - 1),
         "anchor": "end" if is_right else "start",
         "color": f"rgb({r},{g},{b})",
         "name": phrase(obj["category"]),
         "caption": obj["captions"][0]["text"],
         "distance": f"{obj['distance_m']:.2f} m, {obj['direction_rule1']} / {obj['direction_rule2']}",
     }
+
+
+def _place_names(objects: list[dict[str, Any]], height: int, font_px: float) -> None:
+    """Give every name a line at the top of its box, lower where it would cover another name.
+
+    Where there is no room left, the name is dropped; colour and caption still tell the object.
+    """
+    taken: list[tuple[float, float, float]] = []
+    for obj in objects:
+        length = _LETTER_WIDTH * font_px * len(obj["name"])
+        left = obj["text_x"] - (length if obj["anchor"] == "end" else 0)
+        baseline = obj["y"] + font_px
+        while any(a < left + length and left < b and abs(y - baseline) < font_px for a, b, y in taken):
+            baseline += font_px / 2
+        if baseline > height:
+            obj["name"], baseline = "", height
+        else:
+            taken.append((left, left + length, baseline))
+        obj["text_y"] = baseline
+
+
+def _font_px(height: int) -> float:
+    return round(height / 20, 2)
 
 
 def _ramp() -> list[str]:
