@@ -4,7 +4,6 @@ Data only. ``FrameBatch`` is what shards and replay provide; ``MAEBatch`` is wha
 """
 
 from dataclasses import dataclass, replace
-from typing import Self
 
 import numpy as np
 import torch
@@ -50,9 +49,9 @@ class TextTokens:
     attend: Bool[Tensor, "B L"]
     """False for padding."""
 
-    def to(self, device: torch.device | str) -> Self:
+    def to(self, device: torch.device | str) -> "TextTokens":
         """The same on another device."""
-        return type(self)(embed=self.embed.to(device), attend=self.attend.to(device))
+        return TextTokens(embed=self.embed.to(device), attend=self.attend.to(device))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,11 +73,11 @@ class MAEBatch:
     def __len__(self) -> int:
         return len(self.captions)
 
-    def to(self, device: torch.device | str) -> Self:
+    def to(self, device: torch.device | str) -> "MAEBatch":
         """The same on another device."""
         return replace(self, **{name: getattr(self, name).to(device) for name in (*_TENSORS, "text")})
 
-    def rows(self, which: slice, text: TextTokens) -> Self:
+    def rows(self, which: slice, text: TextTokens) -> "MAEBatch":
         """Part of the batch, with the same part of ``text`` in place of its own."""
         part = TextTokens(embed=text.embed[which], attend=text.attend[which])
         tensors = {name: getattr(self, name)[which] for name in _TENSORS}

@@ -62,6 +62,7 @@ class TextConfig:
     """``minilm`` (embedded), a BERT on the Hugging Face hub, or a local folder of one."""
     num_tokens: Annotated[int, Field(ge=2, le=512)] = 20
     """Captions are padded or cut to this many; one pooled token follows."""
+    precision: Literal["fp32", "bf16"] = "fp32"
     cache_mib: PositiveInt = 512
     """Memory for the embeddings of captions seen before; the least recently used go first."""
 

@@ -36,8 +36,8 @@ class FrameDataset:
     """
 
     def __init__(self, shards: ShardDataset, size: tuple[int, int], ram_mib: int) -> None:
-        camera = shards.manifest.config["camera"]
-        found = (camera["height"], camera["width"])
+        camera = shards.manifest.camera
+        found = (camera.height, camera.width)
         if found != size:
             raise ConfigError(
                 f"--data {str(shards.path)!r} has frames of {found[0]}x{found[1]};"

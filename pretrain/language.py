@@ -74,7 +74,7 @@ class FrozenText:
             self._cache.popitem(last=False)
         rows = [found[caption] for caption in captions]
         tokens = TextTokens(
-            embed=torch.stack([row[0] for row in rows]).float(),
+            embed=torch.stack([row[0].float() for row in rows]),
             attend=torch.stack([row[1] for row in rows]),
         )
         return tokens, torch.tensor([row[2] for row in rows])
@@ -87,7 +87,9 @@ class FrozenText:
             padded, padding="max_length", max_length=length, truncation=True, return_tensors="pt"
         )
         lengths = [len(ids) for ids in self._tokenizer(list(captions), truncation=False)["input_ids"]]
-        output = self._model(**inputs.to(self._device))
+        use_bf16 = self.config.precision == "bf16"
+        with torch.autocast(self._device.type, torch.bfloat16, enabled=use_bf16):
+            output = self._model(**inputs.to(self._device))
         attend = inputs["attention_mask"].bool()
         hidden = output.last_hidden_state.float()
         pooled = output.pooler_output.float() if self.uses_pooler else mean_pool(hidden, attend)

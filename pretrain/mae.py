@@ -7,7 +7,6 @@ Owns the network and its file. Which objects are hidden and what is said about t
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
 
 import torch
 from einops import rearrange
@@ -16,7 +15,7 @@ from torch import Tensor, nn
 
 from pretrain.batch import MAEBatch, TextTokens
 from pretrain.config import MAEConfig, TextConfig
-from pretrain.model_file import load_model_file, save_model_file
+from pretrain.model_file import check_fit, load_model_file, save_model_file
 from pretrain.transformer import Transformer, grid_positions, sincos_2d
 
 IMAGENET_MEAN = (0.485, 0.456, 0.406)
@@ -157,7 +156,7 @@ class LanguageGroundedMAE(nn.Module):
         return tokens[:, : 1 + num_visual]
 
     def decode_tokens(
-        self, tokens: Float[Tensor, "B 1+M D"], ids_restore: Int[Tensor, "B N"]
+        self, tokens: Float[Tensor, "B cls_and_M D"], ids_restore: Int[Tensor, "B N"]
     ) -> tuple[Float[Tensor, "B H W"], Float[Tensor, " B"]]:
         """Fill the gaps with mask tokens, append the reward token, and read depth and reward.
 
@@ -196,7 +195,7 @@ class LanguageGroundedMAE(nn.Module):
         return MAEOutput(depth=depth, reward=reward, is_token_masked=ids_restore >= num_kept)
 
     @torch.no_grad()
-    def encode(self, rgb: UInt8[Tensor, "B H W 3"]) -> Float[Tensor, "B 1+N D"]:
+    def encode(self, rgb: UInt8[Tensor, "B H W 3"]) -> Float[Tensor, "B cls_and_N D"]:
         """Features of frames for the world model: CLS first, then one token per cell of the grid.
 
         Nothing is hidden or dropped, the caption is empty, dropout is off: the same frames give the
@@ -220,15 +219,18 @@ class LanguageGroundedMAE(nn.Module):
         save_model_file(folder, self.config, self.text, self.state_dict())
 
     @classmethod
-    def from_pretrained(cls, folder: Path | str) -> Self:
+    def from_pretrained(cls, folder: Path | str) -> "LanguageGroundedMAE":
         """Read what ``save_pretrained`` wrote, from its folder or from the run that holds it.
 
         Raises:
             ValueError: If there is no model, or it is damaged or of another architecture.
         """
         config, text, tensors = load_model_file(Path(folder))
-        null = TextTokens(embed=tensors["null_embed"], attend=tensors["null_attend"])
+        size = (1, text.num_tokens + 1)
+        width = tensors.get("null_embed", torch.empty(1)).shape[-1]
+        null = TextTokens(embed=torch.empty(*size, width), attend=torch.empty(size, dtype=torch.bool))
         model = cls(config, text, null)
+        check_fit(Path(folder), model.state_dict(), tensors)
         model.load_state_dict(tensors)
         return model.eval()
 

@@ -5,7 +5,7 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,7 @@ class MetricsLogger:
         self._file.close()
         self._writer.close()
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "MetricsLogger":
         return self
 
     def __exit__(

@@ -52,6 +52,25 @@ def load_model_file(folder: Path) -> tuple[MAEConfig, TextConfig, dict[str, Tens
     except (json.JSONDecodeError, KeyError, TypeError, ConfigError) as error:
         raise ValueError(f"{folder / _CONFIG} does not describe a pretrained autoencoder: {error}") from error
     try:
-        return mae, text, load_file(folder / _WEIGHTS)
+        tensors = load_file(folder / _WEIGHTS)
     except (OSError, SafetensorError) as error:
         raise ValueError(f"{folder / _WEIGHTS} cannot be read: {error}") from error
+    return mae, text, tensors
+
+
+def check_fit(folder: Path, expected: Mapping[str, Tensor], found: Mapping[str, Tensor]) -> None:
+    """Compare the names, shapes and types of weights with those that the config asks for.
+
+    Raises:
+        ValueError: Naming the first that differs.
+    """
+    for name in sorted({*expected, *found}):
+        if _kind(expected.get(name)) != _kind(found.get(name)):
+            raise ValueError(
+                f"the {_WEIGHTS} in {str(folder)!r} does not fit its {_CONFIG}: {name} is"
+                f" {_kind(found.get(name))}, not {_kind(expected.get(name))}"
+            )
+
+
+def _kind(tensor: Tensor | None) -> str:
+    return "missing" if tensor is None else f"{tensor.dtype} {tuple(tensor.shape)}"

@@ -7,7 +7,6 @@ pixels, box and token mask; only the caption differs.
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 import pyarrow as pa
@@ -89,7 +88,7 @@ class DepthPrior:
     """(H, W)."""
 
     @classmethod
-    def of(cls, frames: FrameDataset, max_depth_m: float, *, max_frames: int = 1000) -> Self:
+    def of(cls, frames: FrameDataset, max_depth_m: float, *, max_frames: int = 1000) -> "DepthPrior":
         """Means over the valid pixels of evenly spaced frames, depth clipped as in training."""
         numbers = np.linspace(0, len(frames) - 1, min(len(frames), max_frames)).astype(int)
         total, count = 0.0, 0
