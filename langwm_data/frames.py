@@ -7,7 +7,6 @@ completeness stand in ``workers`` and ``shards.writer``.
 import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -15,7 +14,7 @@ from typing import Any, Self
 import numpy as np
 
 from langwm_data import atomic
-from langwm_data.config import DatasetConfig, RobotConfig
+from langwm_data.config import DatasetConfig
 from langwm_data.config_io import ConfigError
 from langwm_data.labels.instances import ObjectLabel, label_frame
 from langwm_data.plan import FramePlan, ShardTask, plan_frame
@@ -47,6 +46,7 @@ class RenderWorker:
     def __init__(self, config: DatasetConfig, folder: Path) -> None:
         self._config = config
         self._folder = folder
+        self._floors: dict[str, tuple[SceneSpec, FreeSpace]] = {}
         self._scene: SceneSpec | None = None
         self._block: tuple[str, int] | None = None
 
@@ -78,7 +78,7 @@ class RenderWorker:
         Views are drawn until one shows an object worth a caption, at most ``cameras.max_tries`` times.
         """
         scene = self._show(plan)
-        free = _free_space(scene_file(self._folder, plan.scene), self._config.robot)
+        _, free = self._floor(plan.scene)
         rng = make_rng(self._config.seed, "frame", plan.split, plan.number)
         table = scene.instances()
         max_tries = self._config.cameras.max_tries
@@ -96,7 +96,7 @@ class RenderWorker:
         """Have the renderer hold the scene and materials of this frame's block."""
         block = (plan.split, plan.block)
         if self._scene is None or self._block != block:
-            scene = _read_scene(scene_file(self._folder, plan.scene))
+            scene, _ = self._floor(plan.scene)
             rng = make_rng(self._config.seed, "palette", plan.split, plan.block)
             scene = scene.with_palette(sample_palette(rng, scene.slots, plan.split))
             check_palette(scene)
@@ -106,6 +106,13 @@ class RenderWorker:
                 self._renderer.load(scene)
             self._scene, self._block = scene, block
         return self._scene
+
+    def _floor(self, name: str) -> tuple[SceneSpec, FreeSpace]:
+        """A baked scene and where the robot can stand in it; there are few, so all are kept."""
+        if name not in self._floors:
+            scene = SceneSpec.from_json(scene_file(self._folder, name).read_bytes())
+            self._floors[name] = scene, FreeSpace.from_scene(scene, robot=self._config.robot)
+        return self._floors[name]
 
 
 def scene_file(folder: Path, name: str) -> Path:
@@ -164,13 +171,3 @@ def describe_camera(camera: Camera) -> dict[str, Any]:
         "yaw_rad": float(camera.yaw_rad),
         "pitch_rad": float(camera.pitch_rad),
     }
-
-
-@lru_cache(maxsize=4)
-def _read_scene(path: Path) -> SceneSpec:
-    return SceneSpec.from_json(path.read_bytes())
-
-
-@lru_cache(maxsize=4)
-def _free_space(path: Path, robot: RobotConfig) -> FreeSpace:
-    return FreeSpace.from_scene(_read_scene(path), robot=robot)
