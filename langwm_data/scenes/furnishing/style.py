@@ -1,0 +1,49 @@
+"""What the floors of one building have in common: height, fullness, and which models it uses."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from langwm_data.scenes.furniture import Model, build_model, model_names
+from langwm_data.scenes.taxonomy import CATEGORIES
+from langwm_data.seeding import make_rng
+
+
+@dataclass(frozen=True, kw_only=True)
+class HomeStyle:
+    """The style of one building."""
+
+    height_m: float
+    """Floor to ceiling."""
+    density: float
+    """Factor on the probability of every optional piece."""
+    min_free_fraction: float
+    """Least part of a room where the robot's centre can be."""
+    variants: Mapping[str, tuple[str, ...]]
+    """Models that this building has of each category."""
+
+    def models(self, rng: np.random.Generator, category: str) -> list[Model]:
+        """The building's models of a category, in random order."""
+        names = self.variants[category]
+        return [build_model(names[i]) for i in rng.permutation(len(names))]
+
+    def is_loose(self, category: str) -> bool:
+        """Whether physics lays the pieces of a category down."""
+        return CATEGORIES[category].is_loose
+
+
+def sample_style(seed: int, building: str) -> HomeStyle:
+    """The style of a building under a seed."""
+    rng = make_rng(seed, "style", building)
+    variants = {}
+    for category in CATEGORIES:
+        names = model_names(category)
+        keep = max(3, (len(names) + 1) // 2)
+        variants[category] = tuple(sorted(names[i] for i in rng.permutation(len(names))[:keep]))
+    return HomeStyle(
+        height_m=round(float(rng.uniform(2.4, 2.7)), 2),
+        density=round(float(rng.uniform(0.6, 0.95)), 2),
+        min_free_fraction=round(float(rng.uniform(0.12, 0.2)), 2),
+        variants=variants,
+    )

@@ -1,0 +1,225 @@
+"""Procedural homes: from the name of a floor and a seed to a scene.
+
+Owns the order of the work and the materials that things may be made of. Loose objects hang a few
+millimetres above what they will rest on until a simulator settles them.
+"""
+
+from collections.abc import Mapping, Sequence
+
+from langwm_data.scenes.floorplan import FloorPlan, PlanKind, sample_plan
+from langwm_data.scenes.furnishing.fittings import dress_windows, fill_openings
+from langwm_data.scenes.furnishing.kitchen import furnish_kitchen
+from langwm_data.scenes.furnishing.living import furnish_dining_room, furnish_living_room
+from langwm_data.scenes.furnishing.placement import Placement, RoomState
+from langwm_data.scenes.furnishing.private import furnish_bathroom, furnish_bedroom, furnish_study
+from langwm_data.scenes.furnishing.service import furnish_hallway, furnish_playroom, furnish_storage_room
+from langwm_data.scenes.furnishing.style import HomeStyle, sample_style
+from langwm_data.scenes.spec import (
+    DoorwaySpec,
+    MaterialSlot,
+    ObjectSpec,
+    PartSpec,
+    SceneSpec,
+    Split,
+    SurfaceKind,
+    SurfaceSpec,
+)
+from langwm_data.scenes.splits import BUILDINGS, sample_palette, split_of_scene
+from langwm_data.scenes.walls import room_pieces
+from langwm_data.seeding import make_rng
+
+_DRY_WALLS = ("paint", "plaster", "plaster", "paint", "bricks", "wood", "concrete")
+_WET_WALLS = ("tiles", "tiles", "paint", "marble", "terrazzo")
+_DRY_FLOORS = ("wood_floor", "wood_floor", "planks", "fabric_carpet", "marble", "terrazzo")
+_WET_FLOORS = ("tiles", "tiles", "terrazzo", "marble")
+_HARD_FLOORS = ("tiles", "concrete", "paving_stones", "wood_floor", "asphalt")
+_CEILINGS = ("plaster", "paint")
+
+_WALLS: Mapping[str, tuple[str, ...]] = {"bathroom": _WET_WALLS, "kitchen": ("paint", "plaster", "tiles")}
+_FLOORS: Mapping[str, tuple[str, ...]] = {
+    "bathroom": _WET_FLOORS,
+    "kitchen": (*_WET_FLOORS, "wood_floor"),
+    "hallway": ("wood_floor", "tiles", "paving_stones", "marble"),
+    "storage_room": _HARD_FLOORS,
+}
+
+
+def scene_names(split: Split | None = None) -> tuple[str, ...]:
+    """Names of all floors, or of those of one split: ``<building>_<floor>``."""
+    return tuple(
+        f"{name}_{floor}"
+        for name, building in BUILDINGS.items()
+        if split in (None, building.split)
+        for floor in range(building.floors)
+    )
+
+
+def make_home(name: str, *, seed: int) -> SceneSpec:
+    """The floor called ``name``: rooms, furniture, and a palette drawn for its own split.
+
+    The same name and seed give the same scene. Loose objects are not settled yet.
+
+    Raises:
+        ValueError: If there is no floor of that name.
+    """
+    split = split_of_scene(name)
+    building, _, number = name.rpartition("_")
+    floor = int(number)
+    style = sample_style(seed, building)
+    plan = sample_plan(make_rng(seed, "plan", name), plan_kind(seed, building, floor))
+    placements = _furnish(plan, style, seed, name)
+    slots = _Slots()
+    surfaces = _surfaces(plan, style.height_m, slots)
+    objects = _objects(placements, slots, first=1 + len({s.instance for s in surfaces}))
+    return SceneSpec(
+        name=name,
+        building=building,
+        floor=floor,
+        split=split,
+        height_m=style.height_m,
+        rooms=plan.rooms,
+        doorways=tuple(
+            DoorwaySpec(rooms=(o.rooms[0], o.rooms[1]), center=o.center, width=o.clear_width)
+            for o in plan.openings
+            if len(o.rooms) == 2
+        ),
+        surfaces=tuple(surfaces),
+        objects=tuple(objects),
+        slots=tuple(slots.slots),
+        palette=sample_palette(make_rng(seed, "palette", name), slots.slots, split),
+    )
+
+
+def plan_kind(seed: int, building: str, floor: int) -> PlanKind:
+    """What a floor is: a whole flat, or the ground, an upper or the top floor of a house."""
+    floors = BUILDINGS[building].floors
+    is_house = floors > 1 and bool(make_rng(seed, "kind", building).random() < 0.75)
+    if not is_house:
+        return "flat"
+    if floor == 0:
+        return "ground"
+    return "attic" if floor == floors - 1 and floors > 2 else "upper"
+
+
+def _furnish(plan: FloorPlan, style: HomeStyle, seed: int, name: str) -> list[Placement]:
+    states = {
+        room.name: RoomState(room, style.height_m, style, make_rng(seed, "room", name, room.name))
+        for room in plan.rooms
+    }
+    fill_openings(plan, states)
+    kinds = {room.kind for room in plan.rooms}
+    is_kitchen_large = any(
+        r.kind == "kitchen" and (r.rect[2] - r.rect[0]) * (r.rect[3] - r.rect[1]) > 10 for r in plan.rooms
+    )
+    table_in = next(
+        kind
+        for kind, is_so in (
+            ("dining_room", "dining_room" in kinds),
+            ("kitchen", is_kitchen_large),
+            ("living_room", True),
+        )
+        if is_so
+    )
+    for state in states.values():
+        dress_windows(plan, state)
+        _furnish_room(state, has_dining=state.room.kind == table_in)
+    return [placement for state in states.values() for placement in state.placements]
+
+
+def _furnish_room(state: RoomState, *, has_dining: bool) -> None:
+    match state.room.kind:
+        case "living_room":
+            furnish_living_room(state, has_dining=has_dining)
+        case "kitchen":
+            furnish_kitchen(state, has_dining=has_dining)
+        case "dining_room":
+            furnish_dining_room(state)
+        case "bedroom":
+            furnish_bedroom(state)
+        case "bathroom":
+            furnish_bathroom(state)
+        case "study":
+            furnish_study(state)
+        case "hallway":
+            furnish_hallway(state)
+        case "playroom":
+            furnish_playroom(state)
+        case "storage_room":
+            furnish_storage_room(state)
+        case kind:
+            raise AssertionError(f"no furnishing for {kind}")
+
+
+class _Slots:
+    """Material slots of a scene; pieces of one model in one room share theirs."""
+
+    def __init__(self) -> None:
+        self.slots: list[MaterialSlot] = []
+        self._index: dict[str, int] = {}
+
+    def get(self, name: str, categories: Sequence[str]) -> int:
+        if name not in self._index:
+            self._index[name] = len(self.slots)
+            self.slots.append(MaterialSlot(name=name, categories=tuple(categories)))
+        return self._index[name]
+
+
+def _surfaces(plan: FloorPlan, height_m: float, slots: _Slots) -> list[SurfaceSpec]:
+    surfaces = []
+    kinds: tuple[SurfaceKind, ...] = ("wall", "floor", "ceiling")
+    for number, room in enumerate(plan.rooms):
+        materials = {
+            "wall": _WALLS.get(room.kind, _DRY_WALLS),
+            "floor": _FLOORS.get(room.kind, _DRY_FLOORS),
+            "ceiling": _CEILINGS,
+        }
+        for piece in room_pieces(plan, room, height_m):
+            slot = slots.get(f"{room.name}/{piece.kind}", materials[piece.kind])
+            instance = 1 + 3 * number + kinds.index(piece.kind)
+            surfaces.append(
+                SurfaceSpec(instance=instance, kind=piece.kind, room=room.name, part=piece.part(slot))
+            )
+    return surfaces
+
+
+def _objects(placements: Sequence[Placement], slots: _Slots, *, first: int) -> list[ObjectSpec]:
+    return [
+        ObjectSpec(
+            instance=first + i,
+            category=p.model.category,
+            model=p.model.name,
+            room=p.room,
+            position=p.position,
+            orientation=p.orientation,
+            size=p.model.size,
+            parts=tuple(_with_slot(p, part, slots) for part in p.model.parts),
+            is_fixed=p.is_fixed,
+        )
+        for i, p in enumerate(placements)
+    ]
+
+
+_SHARED = ("kitchen_cabinet", "kitchen_sink", "dishwasher", "wall_cabinet")
+"""Categories whose fronts and worktops match throughout a kitchen."""
+_MATCHED_SLOTS = ("cabinet", "worktop", "handle")
+_WHOLE_FLOOR = ("door", "door_frame", "window", "radiator")
+"""Categories that look the same in all rooms."""
+
+
+def _with_slot(p: Placement, part: PartSpec, slots: _Slots) -> PartSpec:
+    slot = p.model.slots[part.slot]
+    if p.model.category in _SHARED and slot.name in _MATCHED_SLOTS:
+        name = f"{p.room}/counters/{slot.name}"
+    elif p.model.category in _WHOLE_FLOOR:
+        name = f"{p.model.category}/{slot.name}"
+    else:
+        name = f"{p.room}/{p.model.name}/{slot.name}"
+    index = slots.get(name, slot.categories)
+    return PartSpec(
+        shape=part.shape,
+        size=part.size,
+        position=part.position,
+        slot=index,
+        orientation=part.orientation,
+        taper=part.taper,
+    )
