@@ -1,0 +1,195 @@
+"""The three stages at one preset, then a report. What ``langwm demo`` calls.
+
+Owns the order of the stages and the clock. Each stage keeps its own state, so the same command goes on
+where an earlier one stopped.
+"""
+
+import json
+import logging
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import torch
+from torch import Tensor
+
+from agent.config import AgentConfig
+from agent.evaluate import EVAL_FOLDER, evaluate_run, read_rows
+from agent.report import write_report
+from agent.train import train_agent
+from langwm_data import atomic
+from langwm_data.config import DatasetConfig
+from langwm_data.config_io import ConfigError, claim_output, config, load_config
+from langwm_data.pipeline import render_dataset
+from pretrain.config import PretrainConfig
+from pretrain.dataset import open_split
+from pretrain.language import FrozenText
+from pretrain.mae import LanguageGroundedMAE
+from pretrain.pictures import depth_to_rgb, encode_png, hide_pixels
+from pretrain.probe import DepthPrior, ProbeScene, make_probe_scene, predict_with_captions, probe_grounding
+from pretrain.train import pretrain_mae
+
+log = logging.getLogger(__name__)
+
+Progress = Callable[[str], AbstractContextManager[Callable[[int, int], None]]]
+"""Makes a progress display for a unit of work, such as ``frames``."""
+
+DATA, MAE, AGENT, PROBE = "data", "mae", "agent", "probe"
+PROBE_FILE = "probe.parquet"
+CLOCK_FILE = "seconds.json"
+PANELS_FILE = "panels.json"
+PROBE_FRAMES = 400
+PANELS = 4
+PANEL_MIN_SHARE = 0.06
+"""Of the picture behind the box: smaller ones show nothing."""
+EPISODES_PER_FLOOR = {"test": 10, "train": 2}
+
+
+@config
+class DemoConfig:
+    """What a demo was asked for; its stages hold their own configurations."""
+
+    preset: str
+    seed: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemoStages:
+    """The configurations of the three stages."""
+
+    dataset: DatasetConfig
+    pretrain: PretrainConfig
+    agent: AgentConfig
+
+
+def load_stages(preset: str, seed: int, out: Path) -> DemoStages:
+    """Configurations of the three stages at ``preset``, one reading what the other wrote."""
+    agent = {"seed": seed, "mae": str(out / MAE), "features": "frozen"}
+    return DemoStages(
+        dataset=load_config(DatasetConfig, "langwm_data", presets=[preset], overrides={"seed": seed}),
+        pretrain=load_config(PretrainConfig, "pretrain", presets=[preset], overrides={"seed": seed}),
+        agent=load_config(AgentConfig, "agent", presets=[preset], overrides=agent),
+    )
+
+
+def run_demo(out: Path, *, preset: str, seed: int, workers: int, fresh: bool, progress: Progress) -> Path:
+    """Render, pretrain, probe, train, evaluate; write ``report.html``.
+
+    Args:
+        out: Folder of the demo; the same call goes on in it.
+        preset: Size of all three stages.
+        seed: Seed of all three stages.
+        workers: Rendering processes.
+        fresh: Throw away what an earlier demo left in ``out``.
+        progress: Makes a display for each stage.
+
+    Raises:
+        ConfigError: If the request is wrong; nothing was changed then.
+    """
+    stages = load_stages(preset, seed, out)
+    claim_output(out, DemoConfig(preset=preset, seed=seed), fresh=fresh)
+    clock = Clock(out / CLOCK_FILE)
+    log.info("1/4 rendering and labelling %d frames", stages.dataset.frames)
+    with clock.measure("render"), progress("frames") as show:
+        render_dataset(stages.dataset, out / DATA, workers=workers, progress=show)
+    log.info("2/4 pretraining the autoencoder for %d steps", stages.pretrain.steps)
+    with clock.measure("pretrain"), progress("steps") as show:
+        pretrain_mae(stages.pretrain, out / DATA, out / MAE, progress=show)
+    with clock.measure("probe"):
+        probe(stages.pretrain, out)
+    log.info("3/4 training the agent for %d environment steps", stages.agent.steps)
+    with clock.measure("train"), progress("environment steps") as show:
+        train_agent(stages.agent, out / AGENT, progress=show)
+    log.info("4/4 scoring it on fixed episodes")
+    with clock.measure("evaluate"):
+        evaluate(out, progress)
+    return write_report(out, _parts(stages), clock.seconds)
+
+
+def _parts(stages: DemoStages) -> list[tuple[str, str, str]]:
+    pretrain, agent = stages.pretrain, stages.agent
+    return [
+        ("render", "rendering and labelling", f"{stages.dataset.frames} frames"),
+        ("pretrain", "pretraining", f"{pretrain.steps} steps of {pretrain.batch_size} frames"),
+        ("probe", "probing captions", f"up to {PROBE_FRAMES} held-out frames, three captions each"),
+        ("train", "training the agent", f"{agent.steps} environment steps"),
+        ("evaluate", "scoring", "agent and three controls"),
+    ]
+
+
+class Clock:
+    """Seconds spent on each stage, kept on disk so that a resumed demo adds up."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.seconds: dict[str, float] = json.loads(path.read_text("utf-8")) if path.is_file() else {}
+
+    @contextmanager
+    def measure(self, stage: str) -> Iterator[None]:
+        """Add the time spent inside to ``stage``, also when it ends in an error."""
+        start = time.monotonic()
+        try:
+            yield
+        finally:
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + time.monotonic() - start
+            atomic.write_json(self._path, self.seconds)
+
+
+def probe(config: PretrainConfig, out: Path) -> None:
+    """Measure on held-out frames what captions change; rows and pictures under ``probe/``.
+
+    Raises:
+        ConfigError: If the dataset lacks one of the splits.
+    """
+    if (out / PROBE / PROBE_FILE).is_file():
+        return
+    size = (config.mae.height, config.mae.width)
+    train, test = (open_split(out / DATA, split, size, config.ram_mib) for split in ("train", "test"))
+    if train is None or test is None:
+        raise ConfigError(
+            "the demo needs training and test frames; its preset sets splits.test_fraction to 0 or 1"
+        )
+    text = FrozenText(config.text, torch.device(config.device))
+    mae = LanguageGroundedMAE.from_pretrained(out / MAE).to(config.device)
+    scene = make_probe_scene(test, text, config.objects, num_frames=PROBE_FRAMES, seed=config.seed)
+    prior = DepthPrior.of(train, config.mae.max_depth_m)
+    result = probe_grounding(mae, text, scene, prior, seed=config.seed)
+    depth_of = predict_with_captions(mae, text, scene, config.seed)
+    write_panels(out / PROBE, scene, depth_of, config.mae.max_depth_m)
+    with atomic.atomic_path(out / PROBE / PROBE_FILE) as temporary:
+        pq.write_table(result.to_table(), temporary)
+
+
+def write_panels(folder: Path, scene: ProbeScene, depth_of: Mapping[str, Tensor], max_depth_m: float) -> None:
+    """Pictures of the first frames whose box is large enough to see, whatever came out for them."""
+    batch, panels = scene.batch, []
+    shares = batch.is_hidden.float().mean(dim=(1, 2))
+    for i in torch.nonzero(shares > PANEL_MIN_SHARE).flatten()[:PANELS].tolist():
+        rgb, is_hidden = batch.rgb[i].numpy(), batch.is_hidden[i].numpy()
+        depths = {f"{name} caption": depth[i] for name, depth in depth_of.items()} | {"truth": batch.depth[i]}
+        images = {"input": rgb, "masked": hide_pixels(rgb, is_hidden)}
+        images |= {name: depth_to_rgb(depth.numpy(), max_depth_m) for name, depth in depths.items()}
+        for name, image in images.items():
+            atomic.write_bytes(folder / f"{i:03d}-{name.replace(' ', '-')}.png", encode_png(image))
+        panels.append(
+            {
+                "key": scene.keys[i],
+                "caption": batch.captions[i],
+                "wrong_caption": scene.wrong[i][0],
+                "images": {name: f"{i:03d}-{name.replace(' ', '-')}.png" for name in images},
+            }
+        )
+    atomic.write_json(folder / PANELS_FILE, panels)
+
+
+def evaluate(out: Path, progress: Progress) -> None:
+    """Score agent and controls on the training and the test floors."""
+    run = out / AGENT
+    done = {row["split"] for row in read_rows(run / EVAL_FOLDER)}
+    for split, episodes in EPISODES_PER_FLOOR.items():
+        if split not in done:
+            with progress(f"episodes on {split} floors") as show:
+                evaluate_run(run, split=split, episodes_per_scene=episodes, progress=show)

@@ -1,0 +1,70 @@
+"""What this machine has of what the toolkit needs."""
+
+import importlib
+import importlib.metadata
+import os
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+REQUIRED = ("torch", "transformers", "opencv-python-headless", "pyarrow", "webdataset", "gymnasium")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """One line of the diagnosis."""
+
+    name: str
+    is_ok: bool
+    detail: str
+    is_optional: bool = False
+
+
+def diagnose() -> list[Finding]:
+    """Look for packages, physics, text weights, cores and disk; nothing is written."""
+    findings = [_package(name) for name in REQUIRED]
+    findings.append(_try("pybullet", _pybullet))
+    findings.append(_try("text weights (minilm)", _text_weights))
+    findings.append(_try("accelerator", _accelerator, is_optional=True))
+    free = shutil.disk_usage(Path.cwd()).free
+    findings.append(Finding(name="cores", is_ok=True, detail=str(os.cpu_count())))
+    findings.append(
+        Finding(name="free disk here", is_ok=free > 2e9, detail=f"{free / 1e9:.1f} GB (the demo takes 1 GB)")
+    )
+    return findings
+
+
+def _package(name: str) -> Finding:
+    try:
+        return Finding(name=name, is_ok=True, detail=importlib.metadata.version(name))
+    except importlib.metadata.PackageNotFoundError:
+        return Finding(name=name, is_ok=False, detail=f"not installed; pip install {name}")
+
+
+def _try(name: str, look: Callable[[], str], *, is_optional: bool = False) -> Finding:
+    try:
+        return Finding(name=name, is_ok=True, detail=look(), is_optional=is_optional)
+    except (ImportError, ValueError, RuntimeError) as error:
+        return Finding(name=name, is_ok=False, detail=str(error), is_optional=is_optional)
+
+
+def _pybullet() -> str:
+    importlib.import_module("pybullet")
+    return importlib.metadata.version("pybullet")
+
+
+def _text_weights() -> str:
+    from pretrain.language import minilm_folder
+
+    minilm_folder()
+    return "the published weights"
+
+
+def _accelerator() -> str:
+    import torch
+
+    device = torch.accelerator.current_accelerator(check_available=True)
+    if device is None:
+        raise RuntimeError("none; everything runs on the CPU")
+    return str(device)

@@ -1,0 +1,281 @@
+"""The report of a demo: one self-contained HTML page, rebuilt from what the stages left on disk.
+
+Owns words, tables and which pictures are shown. Numbers are read, never computed differently here.
+"""
+
+import json
+import os
+import platform
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import cv2
+import jinja2
+import numpy as np
+import pyarrow.parquet as pq
+
+from agent.evaluate import AGENT as AGENT_ROW
+from agent.evaluate import EVAL_FOLDER, Row, Score, read_rows, summarise
+from agent.figures import Curve, Walk, curve_figure, image_address, map_figure
+from agent.statistics import Interval, bootstrap_interval, paired_bootstrap_interval
+from langwm_data import atomic
+from langwm_data.scenes.navigation import floor_plan
+from langwm_data.scenes.spec import SceneSpec
+from langwm_data.seeding import make_rng
+from langwm_data.shards.dataset import ShardDataset
+from langwm_data.shards.gallery import draw_depth, draw_instances
+from langwm_data.shards.sample import Sample
+from langwm_data.shards.summary import summarise as summarise_dataset
+from pretrain.metrics import read_metrics
+
+REPORT_FILE = "report.html"
+FRAMES_SHOWN = 6
+WALKS_PER_MAP = 4
+MAPS = 3
+DEPTH_SCALE_M = 8.0
+CAPTION_ROWS = (
+    ("right caption", "right"),
+    ("empty caption", "empty"),
+    ("wrong caption", "wrong"),
+    ("mean depth of the training frames", "mean"),
+    ("mean depth at each pixel", "pixel_mean"),
+)
+MAE_CURVES = {
+    "depth loss": (("training", "mae/depth_loss"),),
+    "held-out depth error in hidden boxes, m": (
+        ("with captions", "valid/hidden_depth_error_m"),
+        ("without", "valid/hidden_depth_error_m_no_caption"),
+    ),
+}
+AGENT_CURVES = {
+    "image tokens from the state": (("training", "wm/token_loss"),),
+    "task observation": (("training", "wm/task_loss"),),
+    "KL, nats": (("training", "wm/kl"),),
+    "reward": (("training", "wm/reward_loss"),),
+    "return of training episodes": (("mean of 10", "env/return"),),
+    "success of training episodes": (("mean of 10", "env/success"),),
+}
+SMOOTHED = {"env/return": 10, "env/success": 10}
+"""Episodes that a point of a noisy curve averages over."""
+
+
+def write_report(out: Path, stages: Sequence[tuple[str, str, str]], seconds: Mapping[str, float]) -> Path:
+    """Write ``out/report.html`` from the folders ``data``, ``mae``, ``probe`` and ``agent`` in ``out``.
+
+    Args:
+        out: Folder of a finished demo.
+        stages: Key in ``seconds``, title and outcome of each part, in order.
+        seconds: Time spent on each part.
+    """
+    grounding = _grounding(out / "probe")
+    navigation = _navigation(out / "agent", out / "data")
+    costs = [
+        {"part": title, "seconds": f"{seconds.get(key, 0.0):.0f}", "outcome": outcome}
+        for key, title, outcome in stages
+    ]
+    costs.append({"part": "together", "seconds": f"{sum(seconds.values()):.0f}", "outcome": ""})
+    template = (resources.files("agent") / "templates" / "report.html.j2").read_text("utf-8")
+    environment = jinja2.Environment(autoescape=True, trim_blocks=True, undefined=jinja2.StrictUndefined)
+    page = environment.from_string(template).render(
+        subtitle="Everything below came out of one command on this machine; every number is read from the"
+        " files beside this page.",
+        findings=[grounding["finding"], navigation["finding"]],
+        dataset=_dataset(out / "data"),
+        grounding=grounding,
+        curves=_curves(out),
+        navigation=navigation,
+        costs=costs,
+        machine=f"{os.cpu_count()} CPU cores, {platform.machine()}, Python {platform.python_version()}",
+    )
+    atomic.write_text(out / REPORT_FILE, page)
+    return out / REPORT_FILE
+
+
+def _dataset(data: Path) -> dict[str, Any]:
+    dataset, summary = ShardDataset(data), summarise_dataset(data)
+    frames = " and ".join(f"{n} of {split} floors" for split, n in summary.frames.items())
+    sentence = (
+        f"{sum(summary.frames.values())} frames ({frames}) with {sum(summary.categories.values())} visible"
+        f" objects in {len(summary.categories)} categories and {summary.captions} captions,"
+        f" {summary.bytes_total / 1e6:.0f} MB. Left to right: colour, instances, depth"
+        f" (dark is near, bright is {DEPTH_SCALE_M:.0f} m)."
+    )
+    numbers = np.linspace(0, len(dataset) - 1, 8 * FRAMES_SHOWN).round().astype(int).tolist()
+    samples = [dataset[n] for n in numbers]
+    shown = sorted(samples, key=lambda s: -_num_captions(s))[:FRAMES_SHOWN]
+    return {"sentence": sentence, "frames": [_frame(s) for s in sorted(shown, key=lambda s: s.key)]}
+
+
+def _num_captions(sample: Sample) -> int:
+    return sum(bool(o["captions"]) for o in sample.meta["objects"])
+
+
+def _frame(sample: Sample) -> dict[str, str]:
+    strip = np.hstack([sample.rgb, draw_instances(sample), draw_depth(sample.depth, DEPTH_SCALE_M)])
+    captions = [o["captions"][0]["text"] for o in sample.meta["objects"] if o["captions"]]
+    return {
+        "image": image_address(strip.astype(np.uint8)),
+        "alt": f"{sample.key}: colour, instances, depth",
+        "caption": f"{sample.key}. " + " ".join(captions[:3]),
+    }
+
+
+def _grounding(probe: Path) -> dict[str, Any]:
+    table = pq.read_table(probe / "probe.parquet")
+    errors = {name: table[f"error_{name}_m"].to_numpy() for _, name in CAPTION_ROWS}
+    rng = make_rng(0, "report", "grounding")
+    own = {name: bootstrap_interval(values, rng) for name, values in errors.items()}
+    more = {n: paired_bootstrap_interval(errors[n], errors["right"], rng) for n in errors if n != "right"}
+    rows = [
+        {
+            "name": title,
+            "is_ours": name == "right",
+            "error": f"{own[name].mean:.3f}",
+            "interval": _range(own[name], 3),
+            "difference": f"{more[name].mean:+.3f}" if name in more else "",
+            "difference_interval": _range(more[name], 3) if name in more else "",
+        }
+        for title, name in CAPTION_ROWS
+    ]
+    empty, wrong = more["empty"], more["wrong"]
+    finding = (
+        f"Language: with the right caption the depth error inside a hidden box is {own['right'].mean:.2f} m;"
+        f" an empty caption {_changes(empty)}, a wrong one {_changes(wrong)}."
+    )
+    return {
+        "finding": finding,
+        "sentence": f"On {len(table)} frames of floors and textures never trained on, one object is hidden"
+        " behind a box, and three quarters of the image tokens are dropped. The autoencoder predicts depth"
+        " from what is left and from a caption; only the caption differs between the first three rows.",
+        "rows": rows,
+        "note": "Mean absolute error over the box; intervals are 95 % bootstraps over frames, differences"
+        " paired by frame. A wrong caption names another category at least 1 m nearer or farther.",
+        "panels": _panels(probe),
+    }
+
+
+def _changes(difference: Interval) -> str:
+    if difference.low <= 0 <= difference.high:
+        return f"makes no difference that can be told ({difference.mean:+.2f} m, {_range(difference, 2)})"
+    verb = "adds" if difference.mean > 0 else "takes off"
+    return f"{verb} {abs(difference.mean):.2f} m ({_range(difference, 2)})"
+
+
+def _panels(probe: Path) -> list[dict[str, Any]]:
+    panels = json.loads((probe / "panels.json").read_text("utf-8"))
+    return [
+        {
+            "text": f"Right: “{panel['caption']}” Wrong: “{panel['wrong_caption']}”",
+            "images": [{"name": name, "image": _png(probe / file)} for name, file in panel["images"].items()],
+        }
+        for panel in panels
+    ]
+
+
+def _png(path: Path) -> str:
+    bgr = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if bgr is None:
+        raise ValueError(f"{path} is missing or is not a picture")
+    return image_address(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB).astype(np.uint8))
+
+
+def _curves(out: Path) -> list[dict[str, str]]:
+    mae = _curve_figure(read_metrics(out / "mae"), MAE_CURVES, "gradient steps")
+    agent = _curve_figure(read_metrics(out / "agent"), AGENT_CURVES, "environment steps")
+    return [
+        {"alt": "losses of the autoencoder over gradient steps", "image": mae},
+        {"alt": "losses and returns of the agent over environment steps", "image": agent},
+    ]
+
+
+def _curve_figure(
+    rows: Sequence[Mapping[str, Any]], panels: Mapping[str, Sequence[tuple[str, str]]], x_label: str
+) -> str:
+    found = {title: [_curve(rows, name, key) for name, key in lines] for title, lines in panels.items()}
+    return curve_figure(found, x_label)
+
+
+def _curve(rows: Sequence[Mapping[str, Any]], name: str, key: str) -> Curve:
+    points = [(row["step"], row[key]) for row in rows if row.get(key) is not None]
+    steps, values = ([p[i] for p in points] for i in (0, 1))
+    width = SMOOTHED.get(key, 1)
+    if width > 1 and len(values) > width:
+        values = np.convolve(values, np.ones(width) / width, mode="valid").tolist()
+        steps = steps[width - 1 :]
+    return Curve(name=name, steps=steps, values=values)
+
+
+def _navigation(run: Path, data: Path) -> dict[str, Any]:
+    rows = read_rows(run / EVAL_FOLDER)
+    scores = [s for s in summarise(rows).scores if s.tier is None]
+    tables = [
+        {
+            "title": f"{split.capitalize()} floors"
+            + (", textures never trained on" if split == "test" else ""),
+            "rows": [_score_row(s) for s in scores if s.split == split],
+        }
+        for split in ("test", "train")
+    ]
+    rates = {(s.system, s.split): s for s in scores}
+    parts = [
+        f"{100 * rates[AGENT_ROW, split].success.mean:.0f} % on {split} floors (random"
+        f" {100 * rates['random', split].success.mean:.0f} %, turn-to-goal"
+        f" {100 * rates['turn-to-goal', split].success.mean:.0f} %)"
+        for split in ("test", "train")
+        if (AGENT_ROW, split) in rates
+    ]
+    return {
+        "finding": "Navigation: the agent arrives in " + " and ".join(parts) + ".",
+        "sentence": "The same fixed episodes for every system. The agent has learned for a few minutes only;"
+        " turn-to-goal reads the goal's bearing and is blind to obstacles.",
+        "tables": tables,
+        "maps": _maps(rows, data),
+        "note": "SR: success rate. SPL: success weighted by path length. SoftSPL: progress in place of"
+        " success. Blue paths arrived, red ones did not; the ring around a goal is the success radius.",
+    }
+
+
+def _score_row(score: Score) -> dict[str, Any]:
+    means = score.means
+    return {
+        "system": score.system,
+        "is_ours": score.system == AGENT_ROW,
+        "episodes": score.num_episodes,
+        "success": f"{100 * score.success.mean:.1f}",
+        "success_interval": _range(score.success, 1, 100),
+        "spl": f"{means['spl'].mean:.3f}",
+        "spl_interval": _range(means["spl"], 3),
+        "soft_spl": f"{means['soft_spl'].mean:.3f}",
+        "distance": f"{means['distance_to_goal'].mean:.2f}",
+        "collisions": f"{100 * means['collisions'].mean / max(means['length'].mean, 1):.0f}",
+    }
+
+
+def _maps(rows: Sequence[Row], data: Path) -> list[dict[str, str]]:
+    ours = [row for row in rows if row["system"] == AGENT_ROW and row["split"] == "test"]
+    maps = []
+    for name in sorted({row["scene"] for row in ours})[:MAPS]:
+        scene = SceneSpec.from_json((data / "scenes" / f"{name}.json").read_bytes())
+        walks = [_walk(row) for row in ours if row["scene"] == name][:WALKS_PER_MAP]
+        maps.append(
+            {
+                "image": map_figure(floor_plan(scene), walks),
+                "alt": f"floor plan of {name} with paths",
+                "caption": f"{name}: first {len(walks)} test episodes of the agent",
+            }
+        )
+    return maps
+
+
+def _walk(row: Row) -> Walk:
+    return Walk(
+        positions=np.array(row["trajectory"])[:, :2],
+        goal=(row["goal_x"], row["goal_y"]),
+        is_success=row["success"],
+    )
+
+
+def _range(interval: Interval, digits: int, scale: float = 1.0) -> str:
+    return f"{scale * interval.low:.{digits}f} to {scale * interval.high:.{digits}f}"

@@ -1,0 +1,107 @@
+"""The command line: wrong requests are one sentence and exit code 2, and nothing is touched."""
+
+import errno
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import cli
+
+
+def refuse(capsys, *arguments: str) -> str:
+    """Run a wrong request; its one line on stderr."""
+    code = cli.run(list(arguments))
+    out, err = capsys.readouterr()
+    assert code == 2, err
+    assert out == ""
+    lines = err.strip().splitlines()
+    assert len(lines) == 1, err
+    assert lines[0].startswith("langwm: ")
+    return lines[0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["render-dataset"], "Missing option '--out'"),
+        (["render-datset", "--out", "x"], "No such command 'render-datset'"),
+        (["render-dataset", "--out", "x", "--workers", "two"], "'two' is not a valid int"),
+        (["render-dataset", "--out", "x", "--preset", "huge"], "--preset 'huge' is unknown; allowed: debug"),
+        (["render-dataset", "--out", "x", "--set", "camera.heigth=64"], "did you mean 'height'?"),
+        (["render-dataset", "--out", "x", "--set", "camera.height=tall"], "'camera.height': value 'tall'"),
+        (["render-dataset", "--out", "x", "--set", "frames"], "is not of the form a.b=value"),
+        (["render-dataset", "--out", "x", "--frames", "0"], "'frames': value 0 is not allowed"),
+        (["inspect", "nowhere"], "nowhere"),
+        (["pretrain-mae", "--data", "nowhere", "--out", "x", "--preset", "debug"], "nowhere"),
+        (["train-agent", "--out", "x", "--preset", "debug", "--system", "hal"], "'hal'"),
+        (["train-agent", "--out", "x", "--preset", "debug", "--mae", "nowhere"], "nowhere"),
+        (["evaluate-agent", "nowhere"], "nowhere"),
+        (["demo", "--preset", "huge"], "--preset 'huge' is unknown"),
+    ],
+)
+def test_wrong_requests_are_one_sentence(arguments, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert message in refuse(capsys, *arguments)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["render-dataset", "--preset", "debug"],
+        ["train-agent", "--preset", "debug", "--features", "finetuned"],
+        ["demo", "--preset", "debug"],
+    ],
+)
+def test_a_file_where_a_folder_should_be_is_kept(command, capsys, tmp_path):
+    (tmp_path / "file").write_text("mine")
+    assert "is a file" in refuse(capsys, *command, "--out", str(tmp_path / "file"))
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_assignments_win_over_flags_and_flags_over_presets():
+    from langwm_data.config import DatasetConfig
+
+    config = cli._load(DatasetConfig, "langwm_data", ["debug"], ["frames=7"], {"frames": 5, "seed": 3})
+    assert (config.frames, config.seed) == (7, 3)
+
+
+def test_a_full_disk_is_one_sentence_and_exit_code_1(capsys, monkeypatch, tmp_path):
+    def full(*args, **kwargs):
+        raise OSError(errno.ENOSPC, "No space left on device", str(tmp_path / "train-000000.tar"))
+
+    monkeypatch.setattr("langwm_data.pipeline.render_dataset", full)
+    assert cli.run(["render-dataset", "--out", str(tmp_path / "d"), "--preset", "debug"]) == 1
+    err = capsys.readouterr().err.strip()
+    assert "No space left on device" in err
+    assert "train-000000.tar" in err
+    assert len(err.splitlines()) == 1
+
+
+def test_mistakes_of_ours_keep_their_traceback(monkeypatch, tmp_path):
+    def broken(*args, **kwargs):
+        return int("not a number")
+
+    monkeypatch.setattr("langwm_data.pipeline.render_dataset", broken)
+    with pytest.raises(ValueError, match="invalid literal"):
+        cli.run(["render-dataset", "--out", str(tmp_path / "d"), "--preset", "debug"])
+
+
+def test_help_imports_no_heavy_package():
+    code = "import sys, cli; cli.run(['--help']); assert not {'torch', 'pybullet', 'cv2'} & set(sys.modules)"
+    root = Path(cli.__file__).parent
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=root, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "render-dataset" in done.stdout
+
+
+def test_plain_progress_says_rate_and_remaining_time(capsys):
+    progress = cli._PlainProgress("frames")
+    for done in (0, 50, 100):
+        progress(done, 100)
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert lines[0].startswith("0/100 frames")
+    assert lines[-1].startswith("100/100 frames")
+    assert len(lines) == 2
