@@ -4,7 +4,7 @@ Owns the order of acting, stepping and recording, and how an unfinished episode 
 restart. Knows no model: a policy is any function of observation and state.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -46,6 +46,8 @@ class EpisodeRecord:
     """False where time ran out."""
     trajectory: Float64[np.ndarray, "T 3"]
     """x, y and yaw after the reset and after every step."""
+    goal: Float64[np.ndarray, " 2"]
+    """x and y."""
 
 
 class _Recorder:
@@ -74,6 +76,7 @@ class _Recorder:
             total_reward=self.total_reward,
             is_terminated=is_terminated,
             trajectory=np.stack(self.poses),
+            goal=info["goal"],
         )
 
 
@@ -160,7 +163,7 @@ class Collector:
         assert shape is not None, "the action space is a Box"
         self._actions = [np.zeros(shape, np.float32)]
         self._rewards = [0.0]
-        self._objects = [_seen_objects(info)]
+        self._objects: list[Sequence[FrameObject]] = [info.get("objects", ())]
 
     def _take(self, action: np.ndarray) -> tuple[bool, bool, dict[str, Any]]:
         obs, reward, terminated, truncated, info = self._env.step(action)
@@ -168,7 +171,7 @@ class Collector:
         self._observations.append(obs)
         self._actions.append(action)
         self._rewards.append(float(reward))
-        self._objects.append(_seen_objects(info))
+        self._objects.append(info.get("objects", ()))
         return terminated, truncated, info
 
     def _as_replay(self, *, is_terminal: bool) -> ReplayEpisode:
@@ -181,7 +184,3 @@ class Collector:
             objects=self._objects,
             is_terminal=is_terminal,
         )
-
-
-def _seen_objects(info: Mapping[str, Any]) -> list[FrameObject]:
-    return [FrameObject(**values) for values in info.get("objects", ())]

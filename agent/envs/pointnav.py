@@ -26,6 +26,7 @@ from langwm_data.seeding import make_rng
 from langwm_data.sim.camera import Camera
 from langwm_data.sim.render import Frame, Renderer, make_renderer
 from langwm_data.sim.world import RobotState
+from pretrain.batch import FrameObject
 
 Observation = dict[str, np.ndarray]
 
@@ -42,12 +43,14 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
 
     ``info`` has the same keys after reset and after every step: the measures so far (``success``,
     ``spl``, ``soft_spl``, ``distance_to_goal``, ``path_length``, ``geodesic_distance``, ``collisions``),
-    ``scene``, ``tier`` and ``pose`` (x, y, yaw); with ``config.with_labels`` also ``instance`` and
-    ``objects``, the eligible objects as dicts of category, bbox_xyxy, center_x and distance_m.
+    ``scene``, ``tier``, ``pose`` (x, y, yaw) and ``goal`` (x, y); with ``config.with_labels`` also
+    ``instance`` (the mask) and ``objects`` (a ``FrameObject`` for each eligible object).
 
     ``reset(seed=s)`` plays floor number s modulo the number of floors and every reset without a seed the
     next one, so consecutive seeds visit all floors. ``reset(options={"episode": e})`` plays the given
     ``Episode``. The same seed or episode and the same actions give bit-equal observations.
+
+    Every floor that was visited stays loaded, 100 to 200 MiB each.
 
     Args:
         config: Sizes, speeds, rewards, scenes.
@@ -222,23 +225,24 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
             "scene": self.episode.scene,
             "tier": self.episode.tier,
             "pose": np.array([*self._state.xy, self._state.yaw], dtype=np.float64),
+            "goal": np.array(self.episode.goal_xy, dtype=np.float64),
         }
         if self.config.with_labels:
             info |= {"instance": self._frame.instance, "objects": self._seen_objects()}
         return info
 
-    def _seen_objects(self) -> list[dict[str, Any]]:
+    def _seen_objects(self) -> list[FrameObject]:
         frame, config = self._frame, self.config.labels
         # Captions are drawn anew whenever a frame is learned from; the ones made here are not used.
         rng = np.random.default_rng(0)
         labels = label_frame(frame.instance, frame.depth, self._site.scene.instances(), config, rng)
         return [
-            {
-                "category": label.category,
-                "bbox_xyxy": label.bbox_xyxy,
-                "center_x": label.center_px[0],
-                "distance_m": label.distance_m,
-            }
+            FrameObject(
+                category=label.category,
+                bbox_xyxy=label.bbox_xyxy,
+                center_x=label.center_px[0],
+                distance_m=label.distance_m,
+            )
             for label in labels
             if is_eligible(label, frame.instance.size, config)
         ]

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from agent.rollout import Collector, run_episode
+from pretrain.batch import FrameObject
 
 
 class LineEnv(gymnasium.Env):
@@ -39,12 +40,7 @@ class LineEnv(gymnasium.Env):
         return {"rgb": rgb, "depth": depth, "task": task}
 
     def info(self):
-        seen = {
-            "category": "chair",
-            "bbox_xyxy": (0.0, 0.0, 2.0, 2.0),
-            "center_x": 1.0,
-            "distance_m": 2.0,
-        }
+        seen = FrameObject(category="chair", bbox_xyxy=(0.0, 0.0, 2.0, 2.0), center_x=1.0, distance_m=2.0)
         measures = {
             "success": self.x >= 1,
             "spl": 0.5,
@@ -56,6 +52,7 @@ class LineEnv(gymnasium.Env):
             "scene": "line",
             "tier": 0,
             "pose": np.array([self.x, 0.0, 0.0]),
+            "goal": np.array([1.0, 0.0]),
         }
         return measures | ({"objects": [seen]} if self.with_labels else {})
 

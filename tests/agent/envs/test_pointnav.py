@@ -253,14 +253,14 @@ def test_labels_name_eligible_objects_where_they_are_seen(small_scene):
         config(with_labels=True, camera=CameraConfig(height=48, width=60)), scenes=[small_scene]
     )
     obs, info = play(env, (2.4, 2.3), math.pi, (3.4, 2.3))
-    seen = {o["category"]: o for o in info["objects"]}
+    seen = {o.category: o for o in info["objects"]}
     assert "dining_table" in seen
     assert not {"wall", "floor", "ceiling"} & seen.keys()
-    mask = info["instance"] == 30
+    table, mask = seen["dining_table"], info["instance"] == 30
     rows, columns = np.nonzero(mask)
-    assert seen["dining_table"]["bbox_xyxy"] == (columns.min(), rows.min(), columns.max() + 1, rows.max() + 1)
-    assert seen["dining_table"]["center_x"] == pytest.approx(columns.mean() + 0.5)
-    assert seen["dining_table"]["distance_m"] == pytest.approx(obs["depth"][mask].mean(), rel=1e-4)
+    assert table.bbox_xyxy == (columns.min(), rows.min(), columns.max() + 1, rows.max() + 1)
+    assert table.center_x == pytest.approx(columns.mean() + 0.5)
+    assert table.distance_m == pytest.approx(obs["depth"][mask].mean(), rel=1e-4)
     env.close()
 
 
