@@ -19,13 +19,15 @@ def sample_straight_through(
 ) -> Float[Tensor, "*B S K"]:
     """One-hot samples whose gradient is that of the probabilities.
 
-    Drawn as the arg max of p / Exp(1), which is a categorical draw.
+    Drawn by inverting the distribution function: one random number per categorical.
 
     Source: DreamerV2.
     """
     probability = logit.softmax(-1)
-    noise = torch.empty_like(probability).exponential_(generator=generator)
-    index = (probability.detach() / noise).argmax(-1, keepdim=True)
+    cumulative = probability.detach().cumsum(-1)
+    uniform = torch.rand((*logit.shape[:-1], 1), generator=generator, device=logit.device)
+    index = torch.searchsorted(cumulative, uniform * cumulative[..., -1:], right=True)
+    index = index.clamp(max=logit.shape[-1] - 1)
     one_hot = torch.zeros_like(probability).scatter_(-1, index, 1.0)
     return one_hot + probability - probability.detach()
 

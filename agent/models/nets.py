@@ -45,7 +45,7 @@ class LayerNormGRUCell(nn.Module):
 
     def forward(self, x: Float[Tensor, "B I"], hidden: Float[Tensor, "B H"]) -> Float[Tensor, "B H"]:
         """The next hidden state."""
-        gates = self.norm(self.linear(torch.cat([x, hidden], -1)))
+        gates = self.norm(self.linear(torch.cat([x, hidden], -1)).float())
         reset, candidate, update = gates.split(self.units, -1)
         candidate = torch.tanh(reset.sigmoid() * candidate)
         return torch.lerp(hidden, candidate, torch.sigmoid(update - 1))

@@ -13,11 +13,14 @@ TURN_ABOVE_RAD = math.radians(15)
 
 
 def make_random_policy(seed: int) -> Policy:
-    """Uniform actions; the same ones in every episode begun with the same seed."""
+    """Uniform actions, drawn from the seed, the step and the task observation.
+
+    So they differ between episodes, and playing an episode again repeats them.
+    """
 
     def act(obs: Mapping[str, np.ndarray], state: int | None) -> tuple[np.ndarray, int]:
         step = state or 0
-        rng = make_rng(seed, "random policy", step)
+        rng = make_rng(seed, "random policy", step, obs["task"].tobytes().hex())
         return rng.uniform(-1, 1, size=2).astype(np.float32), step + 1
 
     return act

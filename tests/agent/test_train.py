@@ -1,0 +1,132 @@
+import dataclasses
+import os
+import signal
+
+import numpy as np
+import pytest
+
+from agent.systems.langwm import Agent
+from agent.train import train_agent
+from langwm_data.config import CameraConfig
+from langwm_data.config_io import ConfigError
+from pretrain.checkpoint import latest_checkpoint
+from pretrain.metrics import read_metrics
+
+
+def losses(run):
+    """Logged rows without what depends on the clock."""
+    return [{k: v for k, v in row.items() if not k.startswith("time/")} for row in read_metrics(run)]
+
+
+class Killed(Exception):
+    pass
+
+
+def kill_at(step):
+    def progress(done, total):
+        if done == step:
+            raise Killed
+
+    return progress
+
+
+@pytest.fixture
+def whole_run(tiny_config, make_room, tmp_path):
+    return train_agent(tiny_config, tmp_path / "whole", env=make_room(max_steps=9))
+
+
+def test_run_learns_logs_and_hands_on_an_agent(whole_run, make_room):
+    rows = read_metrics(whole_run)
+    assert any("env/success" in row for row in rows)
+    trained = [row for row in rows if "wm/loss" in row]
+    assert {"mae/depth_loss", "wm/kl", "behavior/imagined_return"} <= trained[-1].keys()
+    assert all(np.isfinite(v) for row in rows for v in row.values())
+    agent = Agent.from_pretrained(whole_run)
+    obs, _ = make_room().reset(seed=0)
+    assert agent.act(obs)[0].shape == (2,)
+
+
+@pytest.mark.parametrize("step", [12, 33, 47])
+def test_a_killed_run_goes_on_with_the_same_numbers(step, whole_run, tiny_config, make_room, tmp_path):
+    out = tmp_path / "killed"
+    with pytest.raises(Killed):
+        train_agent(tiny_config, out, env=make_room(max_steps=9), progress=kill_at(step))
+    train_agent(tiny_config, out, env=make_room(max_steps=9))
+    assert losses(out) == losses(whole_run)
+    ours, theirs = (Agent.from_pretrained(run).model.state_dict() for run in (out, whole_run))
+    assert all(np.array_equal(ours[k], theirs[k]) for k in theirs)
+
+
+def test_a_longer_run_goes_on_from_a_shorter_one(whole_run, tiny_config, make_room, tmp_path):
+    short = dataclasses.replace(tiny_config, steps=43)
+    train_agent(short, tmp_path / "short", env=make_room(max_steps=9))
+    train_agent(tiny_config, tmp_path / "short", env=make_room(max_steps=9))
+    assert losses(tmp_path / "short") == losses(whole_run)
+
+
+def test_an_interrupt_saves_first(whole_run, tiny_config, make_room, tmp_path):
+    def interrupt(done, total):
+        if done == 33:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    out = tmp_path / "interrupted"
+    with pytest.raises(KeyboardInterrupt):
+        train_agent(tiny_config, out, env=make_room(max_steps=9), progress=interrupt)
+    assert latest_checkpoint(out).name == "step-000000033"
+    train_agent(tiny_config, out, env=make_room(max_steps=9))
+    assert losses(out) == losses(whole_run)
+
+
+def test_a_finished_run_does_nothing(whole_run, tiny_config, make_room, caplog):
+    before = (whole_run / "metrics.jsonl").stat().st_mtime_ns
+    with caplog.at_level("INFO"):
+        train_agent(tiny_config, whole_run, env=make_room(max_steps=9))
+    assert "has finished its 60 steps" in caplog.text
+    assert (whole_run / "metrics.jsonl").stat().st_mtime_ns == before
+
+
+def test_another_configuration_in_the_same_place_is_refused(whole_run, tiny_config):
+    with pytest.raises(ConfigError, match="batch_size"):
+        train_agent(dataclasses.replace(tiny_config, batch_size=2), whole_run)
+
+
+def test_frozen_features_come_from_a_pretrained_mae_and_stay(tiny_config, tiny_mae, make_room, tmp_path):
+    tiny_mae.save_pretrained(tmp_path / "mae" / "model")
+    config = dataclasses.replace(tiny_config, features="frozen", mae=str(tmp_path / "mae"))
+    run = train_agent(config, tmp_path / "run", env=make_room(max_steps=9))
+    ours = Agent.from_pretrained(run).model.mae.state_dict()
+    assert all(np.array_equal(ours[k], v) for k, v in tiny_mae.state_dict().items())
+    assert not any("mae/depth_loss" in row for row in read_metrics(run))
+
+
+def test_frozen_features_without_a_mae_are_refused(tiny_config, tmp_path):
+    with pytest.raises(ConfigError, match="features 'frozen' needs a pretrained MAE"):
+        train_agent(dataclasses.replace(tiny_config, features="frozen"), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_missing_mae_is_refused(tiny_config, tmp_path):
+    config = dataclasses.replace(tiny_config, mae=str(tmp_path))
+    with pytest.raises(ValueError, match="holds no pretrained autoencoder"):
+        train_agent(config, tmp_path / "run")
+
+
+def test_a_camera_that_does_not_fit_the_mae_is_refused(tiny_config, tmp_path):
+    camera = CameraConfig(height=32, width=32)
+    config = dataclasses.replace(tiny_config, env=dataclasses.replace(tiny_config.env, camera=camera))
+    with pytest.raises(ConfigError, match=r"32 x 32 pixels but the MAE reads 16 x 16"):
+        train_agent(config, tmp_path / "run")
+
+
+def test_a_task_observation_of_another_size_is_refused(tiny_config, make_room, tmp_path):
+    task = dataclasses.replace(tiny_config.world_model.task, scale=(1.0, 1.0))
+    world_model = dataclasses.replace(tiny_config.world_model, task=task)
+    with pytest.raises(ConfigError, match=r"task\.scale has 2 entries"):
+        train_agent(
+            dataclasses.replace(tiny_config, world_model=world_model), tmp_path / "run", env=make_room()
+        )
+
+
+def test_an_unknown_device_is_refused(tiny_config, tmp_path):
+    with pytest.raises(ConfigError, match="device 'abacus' cannot be used"):
+        train_agent(dataclasses.replace(tiny_config, device="abacus"), tmp_path / "run")
