@@ -1,12 +1,13 @@
 """What this machine has of what the toolkit needs."""
 
-import importlib
 import importlib.metadata
 import os
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+
+from langwm_data.sim.bullet import import_pybullet
 
 REQUIRED = ("torch", "transformers", "opencv-python-headless", "pyarrow", "webdataset", "gymnasium")
 
@@ -50,7 +51,7 @@ def _try(name: str, look: Callable[[], str], *, is_optional: bool = False) -> Fi
 
 
 def _pybullet() -> str:
-    importlib.import_module("pybullet")
+    import_pybullet()
     return importlib.metadata.version("pybullet")
 
 
