@@ -61,7 +61,7 @@ class RenderConfig:
     backend: Literal["tiny"] = "tiny"
     """``tiny``: PyBullet's TinyRenderer."""
     texture_px: Annotated[int, Field(ge=16, le=1024)] = 128
-    """Edge of a square texture."""
+    """Texture pixels to a metre of surface."""
 
 
 @config

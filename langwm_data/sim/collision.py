@@ -3,14 +3,16 @@
 Boxes and upright round cylinders are exact; other shapes are the convex hull of their mesh.
 """
 
+import dataclasses
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from langwm_data.scenes.spec import PartSpec, Quat, SceneSpec, Vec3
+from langwm_data.scenes.spec import IDENTITY, PartSpec, Quat, SceneSpec, Vec3
 from langwm_data.sim.bullet import import_pybullet, quiet
 from langwm_data.sim.mesh import part_mesh
 
@@ -92,11 +94,13 @@ class Solids:
             return bullet.createCollisionShape(
                 bullet.GEOM_CYLINDER, radius=x / 2, height=z, physicsClientId=client
             )
-        points = part_mesh(_at_origin(part)).vertices
-        return bullet.createCollisionShape(bullet.GEOM_MESH, vertices=points.tolist(), physicsClientId=client)
+        at_origin = dataclasses.replace(part, position=(0.0, 0.0, 0.0), orientation=IDENTITY, slot=0)
+        return bullet.createCollisionShape(
+            bullet.GEOM_MESH, vertices=_hull_points(at_origin), physicsClientId=client
+        )
 
 
-def _at_origin(part: PartSpec) -> PartSpec:
-    return PartSpec(
-        shape=part.shape, size=part.size, position=(0.0, 0.0, 0.0), slot=part.slot, taper=part.taper
-    )
+# Cached because createCollisionShape never frees the lists that it is given: so they are few.
+@cache
+def _hull_points(part: PartSpec) -> list[list[float]]:
+    return part_mesh(part).vertices.tolist()

@@ -1,11 +1,13 @@
 """TinyRenderer, PyBullet's software rasteriser, behind the renderer protocol.
 
 Every (instance, slot) group of triangles is one body. Geometry is loaded once for each scene; a new
-palette only changes textures.
+palette only changes textures, and not before the next frame is drawn.
 """
 
+import dataclasses
 import tempfile
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -17,7 +19,7 @@ from langwm_data.scenes.spec import MaterialRef, SceneSpec
 from langwm_data.scenes.textures import texture_image, tile_size_m
 from langwm_data.sim.bullet import import_pybullet, quiet
 from langwm_data.sim.camera import Camera
-from langwm_data.sim.mesh import MeshGroup, scene_groups
+from langwm_data.sim.mesh import Mesh, scene_groups
 from langwm_data.sim.render import Frame
 
 PATCH_M = 2.0
@@ -27,6 +29,15 @@ coordinates stay as they are when the palette changes."""
 LIGHT_DIRECTION = (0.64, 0.38, 0.67)
 """Towards the light, in world axes; all six directions of walls, floor and ceiling differ in brightness."""
 AMBIENT, DIFFUSE = 0.6, 0.4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Model:
+    """The file with the triangles of one instance and slot."""
+
+    instance: int
+    slot: int
+    path: Path
 
 
 class TinyRenderer:
@@ -39,26 +50,28 @@ class TinyRenderer:
         self._bullet = import_pybullet()
         with quiet():
             self._client: int = self._bullet.connect(self._bullet.DIRECT)
-        self._folder = tempfile.TemporaryDirectory(prefix="langwm-textures-")
+        self._folder = tempfile.TemporaryDirectory(prefix="langwm-tiny-")
+        self._models: dict[SceneSpec, list[Model]] = {}
+        """Files of the scenes seen so far; the key has no palette."""
         self._textures: dict[MaterialRef, int] = {}
         self._bodies: list[tuple[int, int]] = []
         """Body and slot of every group."""
         self._instance_of_body = np.zeros(1, np.uint16)
         self._scene: SceneSpec | None = None
+        self._shown: tuple[MaterialRef, ...] = ()
 
     def load(self, scene: SceneSpec) -> None:
         """Replace the scene held."""
         self._bullet.resetSimulation(physicsClientId=self._client)
         self._textures.clear()
-        groups = scene_groups(scene)
-        self._bodies = [(self._add(group), group.slot) for group in groups]
+        models = self._write_models(scene)
+        self._bodies = [(self._add(model), model.slot) for model in models]
         # The last entry stays 0: PyBullet marks pixels without a body by -1.
         table = np.zeros(max((body for body, _ in self._bodies), default=-1) + 2, np.uint16)
-        for (body, _), group in zip(self._bodies, groups, strict=True):
-            table[body] = group.instance
+        for (body, _), model in zip(self._bodies, models, strict=True):
+            table[body] = model.instance
         self._instance_of_body = table
-        self._scene = scene
-        self.set_palette(scene.palette)
+        self._scene, self._shown = scene, ()
 
     def set_palette(self, palette: Sequence[MaterialRef]) -> None:
         """Change the materials of the scene held, keeping its geometry.
@@ -68,14 +81,10 @@ class TinyRenderer:
         """
         assert self._scene is not None, "load a scene first"
         self._scene = self._scene.with_palette(palette)
-        for body, slot in self._bodies:
-            texture = self._texture(palette[slot])
-            self._bullet.changeVisualShape(
-                body, -1, textureUniqueId=texture, rgbaColor=(1, 1, 1, 1), physicsClientId=self._client
-            )
 
     def render(self, camera: Camera) -> Frame:
         """Draw the scene held."""
+        self._show_palette()
         _, _, rgba, buffer, bodies = self._bullet.getCameraImage(
             camera.width,
             camera.height,
@@ -105,40 +114,67 @@ class TinyRenderer:
             self._client = -1
             self._folder.cleanup()
 
-    def _add(self, group: MeshGroup) -> int:
-        mesh = group.mesh
-        uvs = mesh.uvs / PATCH_M
-        # TinyRenderer wraps positive coordinates only.
-        uvs = uvs - np.floor(uvs.min(axis=0))
+    def _write_models(self, scene: SceneSpec) -> list[Model]:
+        geometry = dataclasses.replace(scene, palette=())
+        if geometry not in self._models:
+            folder = Path(self._folder.name) / f"scene-{len(self._models)}"
+            folder.mkdir()
+            models = []
+            for group in scene_groups(scene):
+                path = folder / f"{group.instance}-{group.slot}.obj"
+                path.write_text(_obj_text(group.mesh))
+                models.append(Model(instance=group.instance, slot=group.slot, path=path))
+            self._models[geometry] = models
+        return self._models[geometry]
+
+    def _add(self, model: Model) -> int:
+        # Not from arrays in memory: createVisualShape never frees the lists that it is given.
         shape = self._bullet.createVisualShape(
-            self._bullet.GEOM_MESH,
-            vertices=mesh.vertices.tolist(),
-            indices=mesh.triangles.ravel().tolist(),
-            uvs=uvs.tolist(),
-            normals=_wrapped_normals(mesh.normals).tolist(),
-            physicsClientId=self._client,
+            self._bullet.GEOM_MESH, fileName=str(model.path), physicsClientId=self._client
         )
         return self._bullet.createMultiBody(
             baseMass=0, baseVisualShapeIndex=shape, physicsClientId=self._client
         )
 
+    def _show_palette(self) -> None:
+        palette = self._scene.palette if self._scene else ()
+        if palette == self._shown:
+            return
+        for body, slot in self._bodies:
+            texture = self._texture(palette[slot])
+            self._bullet.changeVisualShape(
+                body, -1, textureUniqueId=texture, rgbaColor=(1, 1, 1, 1), physicsClientId=self._client
+            )
+        self._shown = palette
+
     def _texture(self, material: MaterialRef) -> int:
         if material not in self._textures:
-            path = Path(self._folder.name) / f"{material.category}-{material.id}.png"
+            # PyBullet reads textures from files only; of its formats BMP is the quickest to read.
+            path = Path(self._folder.name) / f"{material.category}-{material.id}.bmp"
             if not path.exists():
-                image = _patch(material, self._config.texture_px)
-                cv2.imwrite(str(path), image[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 1])
+                cv2.imwrite(str(path), _patch(material, self._config.texture_px)[..., ::-1])
             self._textures[material] = self._bullet.loadTexture(str(path), physicsClientId=self._client)
         return self._textures[material]
 
 
-def _patch(material: MaterialRef, texture_px: int) -> NDArray[np.uint8]:
-    """A texture repeated over ``PATCH_M`` metres, no finer than twice ``texture_px`` across."""
-    repeats = PATCH_M / tile_size_m(material.category)
-    assert repeats == int(repeats), material.category
-    tiled = np.tile(texture_image(material, texture_px), (int(repeats), int(repeats), 1))
-    size = min(2 * texture_px, len(tiled))
-    return cv2.resize(tiled, (size, size), interpolation=cv2.INTER_AREA).astype(np.uint8)
+def _obj_text(mesh: Mesh) -> str:
+    """A mesh as a Wavefront file, texture coordinates in units of ``PATCH_M``."""
+    uvs = mesh.uvs / PATCH_M
+    # TinyRenderer wraps positive coordinates only.
+    uvs = uvs - np.floor(uvs.min(axis=0))
+    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.vertices.tolist()]
+    lines += [f"vt {u:.9g} {v:.9g}" for u, v in uvs.tolist()]
+    lines += [f"vn {x:.9g} {y:.9g} {z:.9g}" for x, y, z in _wrapped_normals(mesh.normals).tolist()]
+    lines += [f"f {a}/{a}/{a} {b}/{b}/{b} {c}/{c}/{c}" for a, b, c in (mesh.triangles + 1).tolist()]
+    return "\n".join(lines) + "\n"
+
+
+def _patch(material: MaterialRef, px_per_m: int) -> NDArray[np.uint8]:
+    """A texture repeated over ``PATCH_M`` metres."""
+    tile_m = tile_size_m(material.category)
+    repeats = round(PATCH_M / tile_m)
+    assert repeats * tile_m == PATCH_M, material.category
+    return np.tile(texture_image(material, round(tile_m * px_per_m)), (repeats, repeats, 1))
 
 
 def _wrapped_normals(normals: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from langwm_data.config import RobotConfig
+from langwm_data.scenes.homes import make_home
 from langwm_data.scenes.spec import SceneSpec
 from langwm_data.sim.collision import Gap, Solids
 from langwm_data.sim.settle import settle
@@ -27,8 +28,6 @@ XY = tuple[float, float]
 @lru_cache(maxsize=32)
 def bake_home(name: str, *, seed: int) -> SceneSpec:
     """The procedural home of that name and seed with its loose objects at rest; cached in the process."""
-    from langwm_data.scenes.homes import make_home
-
     return settle(make_home(name, seed=seed))
 
 

@@ -2,8 +2,10 @@
 
 import dataclasses
 import math
+import resource
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pybullet
@@ -209,6 +211,21 @@ def test_palette_of_the_wrong_length_is_refused(renderer):
         renderer.set_palette(palette(OTHER_PALETTE[:2]))
 
 
+def test_loading_again_and_again_takes_no_more_memory(small_scene):
+    def resident_mib():
+        return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 2**20
+
+    few = dataclasses.replace(small_scene, objects=small_scene.objects[:2])
+    renderer = TinyRenderer(RenderConfig(texture_px=32))
+    sizes = []
+    for i in range(60):
+        renderer.load(few if i % 2 else small_scene)
+        renderer.render(view(*VIEWS[0]))
+        sizes.append(resident_mib())
+    renderer.close()
+    assert sizes[-1] - sizes[20] < 2.0
+
+
 def test_frames_have_the_camera_s_size_and_their_types(renderer):
     frame = renderer.render(view((2.0, 1.5), 0.0, height=50, width=70))
     assert (frame.rgb.shape, frame.rgb.dtype) == ((50, 70, 3), np.uint8)
@@ -216,13 +233,23 @@ def test_frames_have_the_camera_s_size_and_their_types(renderer):
     assert (frame.instance.shape, frame.instance.dtype) == ((50, 70), np.uint16)
 
 
-def test_nothing_is_written_to_the_terminal_and_pybullet_is_imported_late():
-    code = (
-        "import sys; import langwm_data.sim.render as r, langwm_data.sim.render_tiny, langwm_data.sim.world;"
-        "assert 'pybullet' not in sys.modules;"
-        "from langwm_data.config import RenderConfig; r.make_renderer(RenderConfig()).close()"
+def test_nothing_is_written_to_the_terminal_and_pybullet_is_imported_late(small_scene):
+    code = """
+import sys
+import langwm_data.sim.render_tiny, langwm_data.sim.world
+assert "pybullet" not in sys.modules
+from langwm_data.config import CameraConfig, RenderConfig
+from langwm_data.scenes.spec import SceneSpec
+from langwm_data.sim.camera import Camera
+from langwm_data.sim.render import make_renderer
+renderer = make_renderer(RenderConfig())
+renderer.load(SceneSpec.from_json(sys.stdin.read()))
+renderer.render(Camera.on_robot(CameraConfig(), (2, 1), 0))
+renderer.close()
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], input=small_scene.to_json(), capture_output=True, text=True, check=True
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout + done.stderr == ""
 
 
