@@ -65,8 +65,8 @@ def spatial_jitter(
 
 def _shift(obj: FrameObject, dx: int, dy: int, height: int, width: int) -> FrameObject | None:
     x1, y1, x2, y2 = obj.bbox_xyxy
-    x1, x2 = (min(max(x + dx, 0.0), width) for x in (x1, x2))
-    y1, y2 = (min(max(y + dy, 0.0), height) for y in (y1, y2))
+    x1, x2 = (min(max(x + dx, 0.0), float(width)) for x in (x1, x2))
+    y1, y2 = (min(max(y + dy, 0.0), float(height)) for y in (y1, y2))
     if x2 <= x1 or y2 <= y1:
         return None
     center_x = min(max(obj.center_x + dx, x1), x2)
