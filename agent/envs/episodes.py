@@ -82,7 +82,7 @@ def sample_episode(
         goal = _place(rng, site)
         if site.world.collides(goal, 0.0):
             continue
-        field = site.free.distance_field(goal)
+        field = site.distance_field(goal)
         for _ in range(STARTS_TRIED):
             start, yaw = _place(rng, site), float(rng.uniform(-np.pi, np.pi))
             distance = float(field.distance(start))

@@ -178,7 +178,7 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
             raise ValueError(f"episode plays in scene {episode.scene!r}; this environment has {known}")
         self.episode = episode
         self._site = self._get_site(episode.scene)
-        self._field = self._site.free.distance_field(episode.goal_xy)
+        self._field = self._site.distance_field(episode.goal_xy)
         distance = float(self._field.distance(episode.start_xy))
         if not math.isfinite(distance):
             raise ValueError(f"episode in scene {episode.scene!r}: no way leads from its start to its goal")

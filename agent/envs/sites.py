@@ -3,7 +3,7 @@
 from types import TracebackType
 
 from agent.config import EnvConfig
-from langwm_data.scenes.navigation import FreeSpace
+from langwm_data.scenes.navigation import DistanceField, FreeSpace
 from langwm_data.scenes.spec import SceneSpec
 from langwm_data.sim.world import World, bake_home
 
@@ -24,6 +24,17 @@ class Site:
         self.scene = scene
         self.free = FreeSpace.from_scene(scene, robot=config.robot)
         self.world = World(scene, config.robot, physics_hz=config.physics_hz)
+        self._last_field: tuple[tuple[float, float], DistanceField] | None = None
+
+    def distance_field(self, goal_xy: tuple[float, float]) -> DistanceField:
+        """Distances to a goal; the last one asked for is kept, as it is asked for again when played.
+
+        Raises:
+            ValueError: If the robot cannot stand at the goal.
+        """
+        if self._last_field is None or self._last_field[0] != goal_xy:
+            self._last_field = goal_xy, self.free.distance_field(goal_xy)
+        return self._last_field[1]
 
     def close(self) -> None:
         """Free the physics client."""

@@ -88,7 +88,7 @@ class EmptyRoom(gymnasium.Env):
             "scene": "room",
             "tier": 0,
             "pose": np.array([*self.xy, self.yaw]),
-            "goal": self.goal,
+            "goal": self.goal.copy(),
             "objects": [
                 FrameObject(category="chair", bbox_xyxy=(2.0, 2.0, 9.0, 9.0), center_x=5.0, distance_m=2.0)
             ],

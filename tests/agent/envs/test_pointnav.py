@@ -1,5 +1,6 @@
 import dataclasses
 import math
+from types import SimpleNamespace
 
 import gymnasium
 import numpy as np
@@ -10,6 +11,7 @@ import agent  # noqa: F401  # registers the environment
 from agent.config import EnvConfig
 from agent.envs.episodes import Episode
 from agent.envs.pointnav import PointNavEnv
+from agent.rollout import Collector
 from langwm_data.config import CameraConfig, RenderConfig
 from langwm_data.scenes.splits import HELD_OUT_TEXTURE_IDS
 from langwm_data.sim.bullet import import_pybullet
@@ -134,6 +136,14 @@ def test_the_shortest_way_leads_through_the_door(env):
     assert info["geodesic_distance"] == pytest.approx(by_hand, rel=0.12)
 
 
+def test_where_no_way_is_known_the_last_distance_stays(env, monkeypatch):
+    _, before = play(env, (1.0, 1.5), 0.0, (3.0, 1.5))
+    monkeypatch.setattr(env, "_field", SimpleNamespace(distance=lambda xy: math.inf))
+    _, reward, *_, info = env.step(AHEAD)
+    assert info["distance_to_goal"] == before["distance_to_goal"]
+    assert reward == 0.0
+
+
 def test_contact_costs_a_tenth_per_step(env):
     play(env, (0.3, 1.5), math.pi, (3.0, 1.5))
     rewards, infos = [], []
@@ -216,6 +226,25 @@ def test_same_seed_and_actions_same_bits_whatever_came_before(small_scene, empty
     assert_same_trace(roll(second, actions, options={"episode": first.episode.to_dict()}), expected)
     first.close()
     second.close()
+
+
+def test_collecting_in_it_goes_on_exactly_after_a_restart(small_scene):
+    def policy(obs, state):
+        return np.array([obs["rgb"].mean() / 128 - 1, obs["task"][1] / 4], np.float32), None
+
+    def collect(collector, count):
+        return [done for _ in range(count) if (done := collector.step(policy)) is not None]
+
+    envs = [PointNavEnv(config(max_steps=20), scenes=[small_scene]) for _ in range(2)]
+    first = Collector(envs[0], seed=3)
+    collect(first, 25)
+    (expected,) = collect(second := Collector(envs[1], seed=3, state=first.state_dict()), 15)
+    (found,) = collect(first, 15)
+    assert second.num_episodes == first.num_episodes == 2
+    for name in ("rgb", "depth_mm", "task", "action", "reward"):
+        np.testing.assert_array_equal(getattr(found.replay, name), getattr(expected.replay, name))
+    for env in envs:
+        env.close()
 
 
 def test_floors_are_visited_in_turn_from_the_seed_on(empty_scene):
