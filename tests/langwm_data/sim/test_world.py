@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from langwm_data.config import RobotConfig
+from langwm_data.scenes.homes import make_home
 from langwm_data.scenes.spec import ObjectSpec, PartSpec
-from langwm_data.sim.world import SKIN_M, World, slide
+from langwm_data.sim.world import SKIN_M, World, bake_home, slide
 
 ROBOT = RobotConfig()
 REACH = ROBOT.radius_m + SKIN_M
@@ -179,3 +180,13 @@ def test_slide_stays_before_every_plane_and_goes_no_further_than_wanted(wanted, 
     moved = slide(wanted, normals, np.full(len(angles), room))
     assert (-(normals @ moved) <= room + 1e-9).all()
     assert np.linalg.norm(moved) <= np.linalg.norm(wanted) + 1e-9
+
+
+def test_baked_home_is_at_rest_and_made_once():
+    home = bake_home("Rowan_0", seed=0)
+    assert bake_home("Rowan_0", seed=0) is home
+    raw = make_home("Rowan_0", seed=0)
+    loose = [(a, b) for a, b in zip(raw.objects, home.objects, strict=True) if not a.is_fixed]
+    assert loose
+    assert all(np.allclose(a.position, b.position, atol=0.1) for a, b in loose)
+    assert all(a == b for a, b in zip(raw.objects, home.objects, strict=True) if a.is_fixed)
