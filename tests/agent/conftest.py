@@ -95,7 +95,7 @@ class EmptyRoom(gymnasium.Env):
         }
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_room():
     return EmptyRoom
 
@@ -121,8 +121,24 @@ def tiny_mae_config():
     )
 
 
-@pytest.fixture
-def tiny_config():
+@pytest.fixture(scope="session")
+def tiny_text(tmp_path_factory):
+    """A BERT with random weights that knows a handful of words."""
+    from transformers import BertConfig, BertModel, BertTokenizer
+
+    folder = tmp_path_factory.mktemp("text")
+    words = ["[PAD]", "[UNK]", "[CLS]", "[SEP]", "[MASK]", "chair", "left", "front", "right", "there", "is"]
+    (folder / "vocab.txt").write_text("\n".join(words))
+    BertTokenizer(str(folder / "vocab.txt")).save_pretrained(folder)
+    sizes = {"hidden_size": 8, "num_hidden_layers": 1, "num_attention_heads": 2, "intermediate_size": 8}
+    with torch.random.fork_rng():
+        torch.manual_seed(0)
+        BertModel(BertConfig(vocab_size=len(words), **sizes)).save_pretrained(folder)
+    return TextConfig(model=str(folder), num_tokens=6)
+
+
+@pytest.fixture(scope="session")
+def tiny_config(tiny_text):
     """Sizes with which a run takes seconds."""
     net = MLPConfig(layers=1, units=16)
     return AgentConfig(
@@ -130,7 +146,7 @@ def tiny_config():
         env=EnvConfig(camera=CameraConfig(height=SIZE, width=SIZE)),
         finetune=FinetuneConfig(
             model=tiny_mae_config(),
-            text=TextConfig(model="minilm"),
+            text=tiny_text,
             optimizer=OptimConfig(warmup_steps=0),
             batch_frames=6,
             pretrain_updates=3,

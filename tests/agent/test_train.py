@@ -30,9 +30,10 @@ def kill_at(step):
     return progress
 
 
-@pytest.fixture
-def whole_run(tiny_config, make_room, tmp_path):
-    return train_agent(tiny_config, tmp_path / "whole", env=make_room(max_steps=9))
+@pytest.fixture(scope="module")
+def whole_run(tiny_config, make_room, tmp_path_factory):
+    out = tmp_path_factory.mktemp("runs") / "whole"
+    return train_agent(tiny_config, out, env=make_room(max_steps=9))
 
 
 def test_run_learns_logs_and_hands_on_an_agent(whole_run, make_room):
