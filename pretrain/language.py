@@ -123,9 +123,7 @@ def load_bert(name: str) -> tuple[Any, Any]:
     try:
         held, _ = BertConfig.get_config_dict(folder, local_files_only=is_local)
         if held.get("model_type") != "bert":
-            raise ConfigError(
-                f"text.model {name!r} is a {held.get('model_type', 'nameless')!r} model; give a BERT"
-            )
+            raise ConfigError(f"text.model {name!r} is no BERT but of type {held.get('model_type')!r}")
         tokenizer = BertTokenizer.from_pretrained(folder, local_files_only=is_local)
         model = BertModel.from_pretrained(folder, local_files_only=is_local, use_safetensors=True)
     except OSError as error:
@@ -134,6 +132,8 @@ def load_bert(name: str) -> tuple[Any, Any]:
             " Hugging Face hub or its local cache has, or a folder with its config.json,"
             " model.safetensors and tokenizer"
         ) from error
+    if len(tokenizer) <= len(tokenizer.all_special_tokens):
+        raise ConfigError(f"text.model {name!r} has no vocabulary: its tokenizer's files are missing")
     return tokenizer, model
 
 

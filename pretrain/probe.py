@@ -123,6 +123,8 @@ def make_probe_scene(
     """
     rng = make_rng(seed, "probe")
     usable = [n for n in rng.permutation(len(frames)).tolist() if frames.objects[n]]
+    if not usable:
+        raise ConfigError("the held-out frames show no object that could be hidden")
     numbers = sorted(usable[:num_frames])
     seen = frames.batch(numbers)
     config = dataclasses.replace(always_hide(objects), max_objects=1)
