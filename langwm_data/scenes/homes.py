@@ -28,7 +28,7 @@ from langwm_data.scenes.splits import BUILDINGS, sample_palette, split_of_scene
 from langwm_data.scenes.walls import room_pieces
 from langwm_data.seeding import make_rng
 
-_DRY_WALLS = ("paint", "plaster", "plaster", "paint", "bricks", "wood", "concrete")
+_DRY_WALLS = ("paint", "paint", "plaster", "plaster", "bricks", "concrete", "planks")
 _WET_WALLS = ("tiles", "tiles", "paint", "marble", "terrazzo")
 _DRY_FLOORS = ("wood_floor", "wood_floor", "planks", "fabric_carpet", "marble", "terrazzo")
 _WET_FLOORS = ("tiles", "tiles", "terrazzo", "marble")
@@ -107,22 +107,13 @@ def _furnish(plan: FloorPlan, style: HomeStyle, seed: int, name: str) -> list[Pl
         for room in plan.rooms
     }
     fill_openings(plan, states)
-    kinds = {room.kind for room in plan.rooms}
-    is_kitchen_large = any(
-        r.kind == "kitchen" and (r.rect[2] - r.rect[0]) * (r.rect[3] - r.rect[1]) > 10 for r in plan.rooms
-    )
-    table_in = next(
-        kind
-        for kind, is_so in (
-            ("dining_room", "dining_room" in kinds),
-            ("kitchen", is_kitchen_large),
-            ("living_room", True),
-        )
-        if is_so
-    )
-    for state in states.values():
+    # The dining table goes to the first of these rooms that has a place for it.
+    table_order = {"dining_room": 0, "kitchen": 1}
+    has_table = False
+    for state in sorted(states.values(), key=lambda s: table_order.get(s.room.kind, 2)):
         dress_windows(plan, state)
-        _furnish_room(state, has_dining=state.room.kind == table_in)
+        _furnish_room(state, has_dining=not has_table)
+        has_table = has_table or bool(state.of_category("dining_table"))
     return [placement for state in states.values() for placement in state.placements]
 
 
@@ -151,7 +142,7 @@ def _furnish_room(state: RoomState, *, has_dining: bool) -> None:
 
 
 class _Slots:
-    """Material slots of a scene; pieces of one model in one room share theirs."""
+    """Material slots of a scene; pieces of one model share theirs."""
 
     def __init__(self) -> None:
         self.slots: list[MaterialSlot] = []
@@ -213,7 +204,7 @@ def _with_slot(p: Placement, part: PartSpec, slots: _Slots) -> PartSpec:
     elif p.model.category in _WHOLE_FLOOR:
         name = f"{p.model.category}/{slot.name}"
     else:
-        name = f"{p.room}/{p.model.name}/{slot.name}"
+        name = f"{p.model.name}/{slot.name}"
     index = slots.get(name, slot.categories)
     return PartSpec(
         shape=part.shape,

@@ -208,7 +208,7 @@ class DistanceField:
             ValueError: If there is no way.
         """
         point = np.asarray(xy, float)
-        i, j = self._nearest_free(point)
+        i, j = self._first_cell(point)
         at, corners = int(self.number[i, j]), [point]
         while at < len(self.cells):
             corners.append(self.space.center(self.cells[at]))
@@ -232,20 +232,19 @@ class DistanceField:
                     weights += wx * wy
         return float(total / weights) if weights > 1e-6 else np.inf
 
-    def _nearest_free(self, point: Array) -> tuple[int, int]:
+    def _first_cell(self, point: Array) -> tuple[int, int]:
+        """The free cell close to a point from where the whole way is shortest."""
         i, j = self.space.cell(point)
-        best, found = np.inf, None
-        for a in range(i - 2, i + 3):
-            for b in range(j - 2, j + 3):
-                if 0 <= a < self.number.shape[0] and 0 <= b < self.number.shape[1] and self.number[a, b] >= 0:
-                    away = float(np.linalg.norm(self.space.center((a, b)) - point))
-                    if away < best:
-                        best, found = away, (a, b)
-        if found is None:
+        low = np.clip((i - 2, j - 2), 0, self.number.shape)
+        high = np.clip((i + 3, j + 3), 0, self.number.shape)
+        near = np.argwhere(self.number[low[0] : high[0], low[1] : high[1]] >= 0) + low
+        if len(near) == 0:
             raise ValueError(
                 f"({point[0]:.2f}, {point[1]:.2f}) has no way to the goal; allowed: points in the free space"
             )
-        return found
+        away = np.linalg.norm(self.space.center(near) - point, axis=1)
+        a, b = near[np.argmin(away + self.values[near[:, 0], near[:, 1]])]
+        return int(a), int(b)
 
 
 def obstacle_polygons(scene: SceneSpec, height_m: float) -> list[Array]:

@@ -31,6 +31,12 @@ def put_on(state: RoomState, support: Placement, category: str, *, spread: float
     return False
 
 
+def put_at(state: RoomState, support: Placement, category: str, at: tuple[float, float]) -> bool:
+    """Lay something small on a piece at a point of the piece's own frame."""
+    model = state.style.models(state.rng, category)[0]
+    return state.add(_small(state, model, support, at, 0.0), zones=())
+
+
 def _small(
     state: RoomState, model: Model, support: Placement, at: tuple[float, float], turn: float
 ) -> Placement:
@@ -90,7 +96,7 @@ def hang_pictures(state: RoomState, num: int) -> None:
 
 def hang_over(state: RoomState, piece: Placement | None, category: str, z: float) -> bool:
     """A picture or mirror on the wall behind a piece."""
-    if piece is None:
+    if piece is None or not state.is_at_wall(piece):
         return False
     for model in state.style.models(state.rng, category):
         back = -piece.model.size[1] / 2 + model.size[1] / 2

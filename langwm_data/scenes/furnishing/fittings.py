@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from langwm_data.scenes.floorplan import FloorPlan, Opening, cell_of
-from langwm_data.scenes.furnishing.placement import Placement, RoomState, Wall, Zone
+from langwm_data.scenes.furnishing.placement import WALL_GAP, Placement, RoomState, Wall, Zone
 from langwm_data.scenes.furniture import build_model, model_names
 from langwm_data.scenes.furniture.decor import CURTAIN_DROPS
 from langwm_data.scenes.furniture.openings import (
@@ -53,7 +53,7 @@ def dress_windows(plan: FloorPlan, state: RoomState) -> None:
             _hang_curtains(state, opening, wall, middle)
         if opening.z[0] > 0.75 and state.room.kind != "kitchen" and state.coin(0.6):
             model = state.style.models(state.rng, "radiator")[0]
-            state.add(state.against(model, wall, middle, gap=0.02, z=0.0))
+            state.add(state.against(model, wall, middle, gap=WALL_GAP, z=0.0))
 
 
 def wall_of(opening: Opening, state: RoomState) -> Wall:
@@ -189,5 +189,5 @@ def _hang_curtains(state: RoomState, opening: Opening, wall: Wall, middle: float
     z = opening.z[1] + 0.12 - drop if not wants_long else 0.02
     offset = opening.width / 2 + model.size[0] / 2 - 0.06
     for side in (-1, 1):
-        hung = state.against(model, wall, middle + side * offset, gap=0.05, z=max(z, 0.02))
+        hung = state.against(model, wall, middle + side * offset, gap=WALL_GAP, z=max(z, 0.02))
         state.add(hung, zones=("doorway",))

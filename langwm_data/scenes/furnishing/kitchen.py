@@ -7,6 +7,7 @@ import numpy as np
 from langwm_data.scenes.furnishing.common import (
     hang_ceiling_lamp,
     hang_pictures,
+    put_at,
     put_on,
     put_plants,
     put_some_on,
@@ -14,7 +15,7 @@ from langwm_data.scenes.furnishing.common import (
 from langwm_data.scenes.furnishing.living import put_dining_group
 from langwm_data.scenes.furnishing.placement import WALL_GAP, WALLS, Placement, RoomState, Wall
 from langwm_data.scenes.furniture import Model
-from langwm_data.scenes.furniture.kitchen import UNIT_WIDTH
+from langwm_data.scenes.furniture.kitchen import HOTPLATES, UNIT_WIDTH
 
 WALL_CABINET_Z = 1.42
 HOOD_Z = 1.55
@@ -41,7 +42,7 @@ def furnish_kitchen(state: RoomState, *, has_dining: bool) -> None:
         put_some_on(state, top, ("bottle", "bowl", "cup", "vase", "cooking_pot"), 1)
     for stove in state.of_category("stove"):
         if state.coin(0.8):
-            put_on(state, stove, "cooking_pot", spread=0.8)
+            put_at(state, stove, "cooking_pot", HOTPLATES[state.rng.integers(len(HOTPLATES))])
     if has_dining or state.coin(0.4):
         put_dining_group(state, prefer_center=False, max_width=9.9 if has_dining else 1.3)
     state.put_at_wall("trash_can", prefer="corner")

@@ -276,6 +276,11 @@ class RoomState:
                     return placement
         return None
 
+    def is_at_wall(self, piece: Placement) -> bool:
+        """Whether a piece has its back to a wall."""
+        x, y = piece.local(0.0, -piece.model.size[1] / 2 - 2 * WALL_GAP)
+        return not (self.rect[0] < x < self.rect[2] and self.rect[1] < y < self.rect[3])
+
     def is_front_free(self, piece: Placement, depth_m: float) -> bool:
         """Whether nothing stands on the floor before a piece."""
         if depth_m <= 0:

@@ -32,6 +32,7 @@ def curtain(b: Builder) -> None:
     for i in range(num):
         b.box(cloth, (0.08, 0.045, drop - 0.03), (0.082 * (i - (num - 1) / 2), 0.02 * (i % 2) - 0.01, 0))
     b.box(rail, (0.082 * num + 0.03, 0.03, 0.03), (0, 0, drop - 0.03))
+    b.box(rail, (0.03, 0.05, 0.03), (0, -0.04, drop - 0.03))
 
 
 CURTAIN_DROPS = (1.4, 2.2)

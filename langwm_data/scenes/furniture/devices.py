@@ -31,10 +31,11 @@ def monitor(b: Builder) -> None:
 def keyboard(b: Builder) -> None:
     """A keyboard with rows of keys, and a mouse."""
     case, keys = b.slot("case", TOUGH), b.slot("keys", ("plastic",))
-    b.box(case, (0.44, 0.14, 0.018), (0, 0, 0))
+    w = b.uniform(0.32, 0.44)
+    b.box(case, (w, 0.14, 0.018), (0, 0, 0))
     for i in range(4):
-        b.box(keys, (0.41, 0.024, 0.006), (0, -0.048 + 0.032 * i, 0.018))
-    b.ellipsoid(keys, (0.06, 0.1, 0.036), (0.29, 0, 0))
+        b.box(keys, (w - 0.03, 0.024, 0.006), (0, -0.048 + 0.032 * i, 0.018))
+    b.ellipsoid(keys, (0.06, 0.1, 0.036), (w / 2 + 0.07, 0, 0))
 
 
 def floor_lamp(b: Builder) -> None:

@@ -9,6 +9,8 @@ COUNTER_DEPTH = 0.56
 COUNTER_HEIGHT = 0.9
 TOP = 0.04
 PLINTH = 0.09
+HOTPLATES = ((-0.14, -0.13), (0.14, -0.13), (-0.14, 0.13), (0.14, 0.13))
+"""Where a pot stands on a stove, in the stove's own frame."""
 
 
 def _counter_body(b: Builder, *, has_top: bool = True) -> tuple[int, int]:
@@ -43,10 +45,10 @@ def kitchen_sink(b: Builder) -> None:
         b.box(top, (rim, COUNTER_DEPTH + 0.04, TOP), (x * (UNIT_WIDTH - rim) / 2, 0.02, z))
     for y, depth in ((-COUNTER_DEPTH / 2 + 0.05, 0.1), (COUNTER_DEPTH / 2 + 0.01, 0.06)):
         b.box(top, (UNIT_WIDTH - 2 * rim, depth, TOP), (0, y, z))
-    tap = b.slot("tap", ("metal",))
+    tap, tall = b.slot("tap", ("metal",)), b.uniform(0.18, 0.3)
     y = -COUNTER_DEPTH / 2 + 0.06
-    b.cylinder(tap, 0.03, 0.24, (0, y, COUNTER_HEIGHT))
-    b.box(tap, (0.024, 0.17, 0.024), (0, y + 0.085, COUNTER_HEIGHT + 0.24))
+    b.cylinder(tap, 0.03, tall, (0, y, COUNTER_HEIGHT))
+    b.box(tap, (0.024, 0.17, 0.024), (0, y + 0.085, COUNTER_HEIGHT + tall))
 
 
 def stove(b: Builder) -> None:
@@ -56,12 +58,12 @@ def stove(b: Builder) -> None:
     b.box(body, (UNIT_WIDTH - 0.01, COUNTER_DEPTH, h - 0.02), (0, 0, 0))
     b.box(glass, (UNIT_WIDTH - 0.01, COUNTER_DEPTH, 0.02), (0, 0, h - 0.02))
     plate = b.slot("plates", ("metal", "plastic"))
-    for x in (-1, 1):
-        for y, diameter in ((-1, 0.18), (1, 0.15)):
-            b.cylinder(plate, diameter, 0.008, (x * 0.14, y * 0.13, h))
+    for x, y in HOTPLATES:
+        b.cylinder(plate, 0.18 if y < 0 else 0.15, 0.008, (x, y, h))
     front = COUNTER_DEPTH / 2
-    b.box(glass, (UNIT_WIDTH - 0.1, 0.014, 0.36), (0, front + 0.007, 0.2))
-    b.box(plate, (UNIT_WIDTH - 0.12, 0.02, 0.02), (0, front + 0.03, 0.62))
+    window = b.uniform(0.28, 0.38)
+    b.box(glass, (UNIT_WIDTH - 0.1, 0.014, window), (0, front + 0.007, 0.2))
+    b.box(plate, (UNIT_WIDTH - 0.12, 0.03, 0.02), (0, front + 0.015, window + 0.26))
     for i in range(4):
         knob = (0.12 * (i - 1.5), front + 0.0125, h - 0.11)
         b.box(plate, (0.036, 0.025, 0.036), knob)
@@ -77,7 +79,7 @@ def dishwasher(b: Builder) -> None:
     b.box(body, (UNIT_WIDTH, COUNTER_DEPTH, h - PLINTH), (0, 0, PLINTH))
     b.box(body, (UNIT_WIDTH - 0.02, 0.016, 0.6), (0, front + 0.008, PLINTH + 0.01))
     b.box(panel, (UNIT_WIDTH - 0.02, 0.018, 0.12), (0, front + 0.009, h - 0.14))
-    b.box(panel, (0.34, 0.024, 0.02), (0, front + 0.028, 0.62))
+    b.box(panel, (b.uniform(0.2, 0.5), 0.024, 0.02), (0, front + 0.028, 0.62))
     b.box(top, (UNIT_WIDTH, COUNTER_DEPTH + 0.04, TOP), (0, 0.02, h))
 
 

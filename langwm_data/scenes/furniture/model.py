@@ -94,10 +94,13 @@ class Builder:
         boxes = Boxes.of_parts(((0.0, 0.0, 0.0), IDENTITY, part) for part in self._parts)
         low, high = boxes.bounds[:, 0].min(axis=0), boxes.bounds[:, 1].max(axis=0)
         shift = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
-        parts = tuple(replace(p, position=_vec3(np.asarray(p.position) - shift)) for p in self._parts)
-        return Model(
-            name=name, category=category, size=_vec3(high - low), parts=parts, slots=tuple(self._slots)
+        used = sorted({p.slot for p in self._parts})
+        parts = tuple(
+            replace(p, slot=used.index(p.slot), position=_vec3(np.asarray(p.position) - shift))
+            for p in self._parts
         )
+        slots = tuple(self._slots[i] for i in used)
+        return Model(name=name, category=category, size=_vec3(high - low), parts=parts, slots=slots)
 
     def _add(
         self,

@@ -1,0 +1,24 @@
+import pytest
+
+from langwm_data.scenes.taxonomy import CATEGORIES, STRUCTURE, is_structure, phrase
+
+
+def test_there_are_at_least_twenty_five_categories_named_in_snake_case():
+    assert len(CATEGORIES) >= 25
+    assert all(name.replace("_", "").isalpha() and name == name.lower() for name in CATEGORIES)
+
+
+def test_phrases_are_words_not_identifiers():
+    assert phrase("dining_table") == "dining table"
+    assert phrase("wall") == "wall"
+    assert not any("_" in c.phrase for c in CATEGORIES.values())
+
+
+def test_structure_is_not_furniture():
+    assert all(is_structure(s) for s in STRUCTURE)
+    assert not any(is_structure(c) for c in CATEGORIES)
+
+
+def test_an_unknown_category_is_refused_by_name():
+    with pytest.raises(ValueError, match=r"category 'spaceship' is unknown; allowed: wall, .*chair"):
+        phrase("spaceship")
