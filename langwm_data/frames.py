@@ -30,7 +30,7 @@ from langwm_data.sim.render import Frame, make_renderer
 from langwm_data.sim.world import bake_home
 from langwm_data.workers import Report
 
-_PLACE_TRIES = 1000
+_PLACE_TRIES = 200
 
 
 @dataclass(frozen=True, kw_only=True)

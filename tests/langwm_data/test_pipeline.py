@@ -24,20 +24,33 @@ from langwm_data.sim.render import make_renderer
 CONFIG = build_config(
     DatasetConfig,
     {
-        "frames": 14,
+        "frames": 8,
         "seed": 5,
         "camera": {"height": 48, "width": 60},
         "render": {"texture_px": 32},
-        "splits": {"test_fraction": 0.3},
-        "cameras": {"frames_per_palette": 5},
+        "splits": {"test_fraction": 0.25},
+        "cameras": {"frames_per_palette": 6},
         "shards": {"samples_per_shard": 3},
     },
 )
 
 
+SMALL = build_config(
+    DatasetConfig,
+    {
+        "frames": 3,
+        "camera": {"height": 24, "width": 30},
+        "render": {"texture_px": 16},
+        "splits": {"test_fraction": 0.0},
+        "shards": {"samples_per_shard": 1},
+    },
+)
+"""For what can go wrong on the way: three shards of one frame, one floor."""
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Fourteen frames of three floors in six shards. Shared: do not write into it."""
+    """Eight frames of two floors in three shards. Shared: do not write into it."""
     return render_dataset(CONFIG, tmp_path_factory.mktemp("rendered") / "dataset")
 
 
@@ -54,7 +67,7 @@ def test_two_workers_write_the_same_bytes(folder, tmp_path):
     calls = []
     render_dataset(CONFIG, tmp_path / "two", workers=2, progress=lambda *a: calls.append(a))
     assert contents(tmp_path / "two") == contents(folder)
-    assert calls == [(n, 14) for n in range(15)]
+    assert calls == [(n, 8) for n in range(9)]
 
 
 SCRIPT = """
@@ -77,14 +90,14 @@ def test_killed_and_started_again_gives_the_same_bytes(folder, tmp_path):
     command = [sys.executable, tmp_path / "job.py", tmp_path / "config.yaml", out]
     environment = os.environ | {"PYTHONPATH": str(Path.cwd())}
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as job:
-        while int(job.stdout.readline()) < 5:
+        while int(job.stdout.readline()) < 4:
             pass
         job.send_signal(signal.SIGKILL)
     assert (out / "train/train-000000.tar").is_file()
     assert not (out / MANIFEST_FILE).exists()
     calls = []
     render_dataset(CONFIG, out, progress=lambda *a: calls.append(a))
-    assert calls[0] == (3, 14)
+    assert calls[0] == (3, 8)
     assert contents(out) == contents(folder)
 
 
@@ -99,36 +112,9 @@ def test_a_finished_dataset_is_left_alone(folder):
 def test_another_configuration_is_refused(folder):
     before = contents(folder)
     other = build_config(DatasetConfig, {"frames": 99})
-    with pytest.raises(ConfigError, match=r"another configuration: .*frames \(14 there, 99 asked for\)"):
+    with pytest.raises(ConfigError, match=r"another configuration: .*frames \(8 there, 99 asked for\)"):
         render_dataset(other, folder)
     assert contents(folder) == before
-
-
-def test_damaged_and_foreign_work_is_done_again(folder, tmp_path, monkeypatch):
-    out = tmp_path / "again"
-    stop_after(monkeypatch, 7)
-    with pytest.raises(OSError, match="No space left"):
-        render_dataset(CONFIG, out)
-    monkeypatch.undo()
-    tar = out / "train/train-000001.tar"
-    tar.write_bytes(tar.read_bytes()[:-512])
-    done = []
-    render_dataset(CONFIG, out, progress=lambda *a: done.append(a))
-    assert done[0] == (3, 14)
-    assert contents(out) == contents(folder)
-
-
-def test_work_of_another_version_is_not_mixed_in(folder, tmp_path, monkeypatch):
-    out = tmp_path / "again"
-    stop_after(monkeypatch, 4)
-    with pytest.raises(OSError, match="No space left"):
-        render_dataset(CONFIG, out)
-    monkeypatch.undo()
-    (out / WORK_DIR / "fingerprint").write_text("another version")
-    done = []
-    render_dataset(CONFIG, out, progress=lambda *a: done.append(a))
-    assert done[0] == (0, 14)
-    assert contents(out) == contents(folder)
 
 
 def stop_after(monkeypatch, samples):
@@ -145,21 +131,60 @@ def stop_after(monkeypatch, samples):
     monkeypatch.setattr(TarWriter, "add", limited)
 
 
-def test_a_full_disk_leaves_no_half_written_shard(tmp_path, monkeypatch):
-    stop_after(monkeypatch, 4)
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    return contents(render_dataset(SMALL, tmp_path_factory.mktemp("small") / "dataset"))
+
+
+@pytest.fixture
+def begun(tmp_path, monkeypatch):
+    """A dataset of which two of three shards were made when the disk was full."""
+    stop_after(monkeypatch, 2)
     with pytest.raises(OSError, match="No space left on device"):
-        render_dataset(CONFIG, tmp_path / "full")
-    assert [p.name for p in (tmp_path / "full").rglob("*.tar*")] == ["train-000000.tar"]
-    assert not (tmp_path / "full" / MANIFEST_FILE).exists()
+        render_dataset(SMALL, tmp_path / "begun")
+    monkeypatch.undo()
+    return tmp_path / "begun"
+
+
+def finish(folder):
+    """Render the rest; how many frames were there at the start."""
+    calls = []
+    render_dataset(SMALL, folder, progress=lambda *a: calls.append(a))
+    return calls[0][0]
+
+
+def test_a_full_disk_leaves_no_half_written_shard(begun, small):
+    assert sorted(p.name for p in begun.rglob("*.tar*")) == ["train-000000.tar", "train-000001.tar"]
+    assert not (begun / MANIFEST_FILE).exists()
+    assert finish(begun) == 2
+    assert contents(begun) == small
+
+
+def test_a_damaged_shard_is_made_again(begun, small):
+    tar = begun / "train/train-000001.tar"
+    tar.write_bytes(tar.read_bytes()[:-512])
+    assert finish(begun) == 1
+    assert contents(begun) == small
+
+
+def test_work_of_another_version_is_not_mixed_in(begun, small):
+    (begun / WORK_DIR / "fingerprint").write_text("another version")
+    assert finish(begun) == 0
+    assert contents(begun) == small
+
+
+def test_fresh_starts_over(begun, small):
+    render_dataset(SMALL, begun, fresh=True)
+    assert contents(begun) == small
 
 
 def test_the_manifest_tells_how_and_what(folder, dataset):
     manifest = read_manifest(folder)
     assert manifest.fingerprint == pipeline.fingerprint(CONFIG)
-    assert (manifest.frames, manifest.renderer, manifest.generator) == (14, "tiny", pipeline.GENERATOR)
-    assert {name: s.frames for name, s in manifest.splits.items()} == {"train": 10, "test": 4}
+    assert (manifest.frames, manifest.renderer, manifest.generator) == (8, "tiny", pipeline.GENERATOR)
+    assert {name: s.frames for name, s in manifest.splits.items()} == {"train": 6, "test": 2}
     assert Camera.on_robot(CONFIG.camera, (0, 0), 0).intrinsics.tolist() == manifest.camera.K
-    assert [s.samples for s in manifest.shards] == [3, 3, 3, 1, 3, 1]
+    assert [s.samples for s in manifest.shards] == [3, 3, 2]
     for shard in manifest.shards:
         assert sha256_of(folder / shard.path) == shard.sha256
     assert manifest.captions == sum(len(o["captions"]) for s in dataset for o in s.meta["objects"])
@@ -167,7 +192,7 @@ def test_the_manifest_tells_how_and_what(folder, dataset):
 
 def test_frames_can_be_rendered_again_from_what_is_stored(dataset):
     renderer = make_renderer(CONFIG.render)
-    for sample in (dataset[0], dataset[9], dataset[13]):
+    for sample in (dataset[5], dataset[7]):
         stored = sample.meta["camera"]
         scene = dataset.scene(sample.meta["scene"])
         palette = [type(scene.palette[0]).parse(text) for text in sample.meta["palette"]]
@@ -195,11 +220,11 @@ def test_labels_can_be_made_again_from_the_stored_images(dataset):
 
 
 def test_views_stand_clear_of_obstacles_and_show_something(dataset):
+    names = set(dataset.frames["scene"].to_pylist())
+    free = {name: FreeSpace.from_scene(dataset.scene(name), robot=CONFIG.robot) for name in names}
     for sample in dataset:
-        scene = dataset.scene(sample.meta["scene"])
-        free = FreeSpace.from_scene(scene, robot=CONFIG.robot)
         xy = [row[3] for row in sample.meta["camera"]["camera_to_world"][:2]]
-        assert free.clearance(np.array(xy)) >= CONFIG.cameras.min_clearance_m
+        assert free[sample.meta["scene"]].clearance(np.array(xy)) >= CONFIG.cameras.min_clearance_m
         assert sample.meta["camera"]["camera_to_world"][2][3] == CONFIG.camera.mount_height_m
         assert (sample.depth > 0).mean() > 0.99
     assert np.mean([bool(sample.caption) for sample in dataset]) > 0.9
@@ -221,9 +246,9 @@ def test_test_frames_wear_held_out_textures_only(dataset):
 
 
 def test_a_block_shares_its_palette(dataset):
-    palettes = [tuple(s.meta["palette"]) for s in dataset.select(split="train")]
-    assert len(set(palettes[:5])) == len(set(palettes[5:])) == 1
-    assert palettes[0] != palettes[5]
+    palettes = dataset.frames["materials"].to_pylist()
+    assert all(palette == palettes[0] for palette in palettes[:6])
+    assert palettes[6] == palettes[7] != palettes[0]
 
 
 def test_no_place_far_enough_from_obstacles_is_a_wrong_request(tmp_path):
