@@ -36,6 +36,12 @@ class AugmentConfig:
     blur_sigma_px: tuple[Positive, Positive] = (0.1, 2.0)
     """Least and largest standard deviation of the Gaussian."""
 
+    def __post_init__(self) -> None:
+        """Refuse a range that runs backwards."""
+        low, high = self.blur_sigma_px
+        if low > high:
+            raise ConfigError(f"augment.blur_sigma_px {low} to {high} is not a range")
+
 
 @config
 class ObjectMaskConfig:
@@ -103,6 +109,10 @@ class MAEConfig:
                 )
         if self.dim % self.num_heads or self.dim % 4:
             raise ConfigError(f"mae.dim {self.dim} must be a multiple of 4 and of num_heads {self.num_heads}")
+        if self.num_kept < 1:
+            raise ConfigError(
+                f"mae.mask_ratio {self.mask_ratio} leaves none of the {self.num_patches} visual tokens"
+            )
 
     @property
     def patch_px(self) -> int:

@@ -98,11 +98,11 @@ def test_metrics_go_to_lines_and_to_tensorboard(tmp_path):
 def test_lines_after_the_step_resumed_from_are_taken_back(tmp_path):
     with MetricsLogger(tmp_path) as logger:
         for step in range(1, 6):
-            logger.log(step, {"x": step})
+            logger.log(step, {"x": float(step)})
     with (tmp_path / "metrics.jsonl").open("a") as file:
         file.write('{"step": 6, "x"')
     with MetricsLogger(tmp_path, step=3) as logger:
-        logger.log(4, {"x": 40})
+        logger.log(4, {"x": 40.0})
     lines = [json.loads(line) for line in (tmp_path / "metrics.jsonl").read_text().splitlines()]
     assert [(row["step"], row["x"]) for row in lines] == [(1, 1), (2, 2), (3, 3), (4, 40)]
     events = EventAccumulator(str(tmp_path / "tensorboard")).Reload()
