@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field
 
 from langwm_data.config import CameraConfig, LabelsConfig, RenderConfig, RobotConfig, ScenesConfig
-from langwm_data.config_io import config
+from langwm_data.config_io import ConfigError, config
 from pretrain.config import AugmentConfig, MAEConfig, ObjectMaskConfig, OptimConfig, TextConfig
 
 Positive = Annotated[float, Field(gt=0)]
@@ -86,6 +86,13 @@ class PoolingConfig:
     """Of the encoder and of the decoder."""
     norm_eps: Positive = 1e-6
     dropout: Fraction = 0.1
+
+    def __post_init__(self) -> None:
+        """Refuse heads that do not divide the width."""
+        if self.dim % self.num_heads:
+            raise ConfigError(
+                f"world_model.pooling.dim {self.dim} must be a multiple of num_heads {self.num_heads}"
+            )
 
 
 @config
@@ -213,6 +220,8 @@ class AgentConfig:
     """Folder of a pretrain-mae run; without one the MAE learns from replay alone."""
     features: Literal["frozen", "finetuned"] = "finetuned"
     """Whether the MAE goes on learning. Source: method notes, decision 26."""
+    token_cache_mib: PositiveInt = 1024
+    """Memory for the tokens of frames seen before, where features are frozen."""
     device: str = "cpu"
     precision: Literal["fp32", "bf16"] = "fp32"
     """``bf16``: autocast; weights and optimizers stay in fp32."""

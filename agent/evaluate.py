@@ -69,8 +69,8 @@ class Summary:
         ]
         for score in self.scores:
             if score.tier is None:
-                cells = [_as_text(score.success, 100, 1)]
-                cells += [_as_text(score.means[k], 1, 2) for k in ("spl", "soft_spl", "distance_to_goal")]
+                cells = [_as_text(score.success, 100.0, 1)]
+                cells += [_as_text(score.means[k], 1.0, 2) for k in ("spl", "soft_spl", "distance_to_goal")]
                 head = f"{score.system:<16}{score.split:<8}{score.num_episodes:>5}  "
                 lines.append(head + "".join(f"{cell:<20}" for cell in cells).rstrip())
         return "\n".join(lines)
@@ -207,7 +207,7 @@ def _score(system: str, split: str, tier: int | None, rows: Sequence[Row]) -> Sc
 
 
 def _as_row(record: EpisodeRecord) -> Row:
-    row = asdict(record) | {"trajectory": record.trajectory.tolist()}
+    row = asdict(record) | {"trajectory": record.trajectory.tolist(), "goal": record.goal.tolist()}
     row["length"] = row.pop("num_steps")
     row["return"] = row.pop("total_reward")
     return row

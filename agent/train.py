@@ -21,6 +21,7 @@ from agent.models.world_model import Metrics
 from agent.replay import Replay
 from agent.rollout import Collector, EpisodeRecord
 from agent.systems.controls import make_random_policy
+from agent.systems.features import TokenCache
 from agent.systems.finetune import Finetuner
 from agent.systems.langwm import Agent, AgentState, LanGWM
 from agent.systems.learner import Learner
@@ -152,8 +153,10 @@ class _Run:
         self._num_updates = 0
         self._means = _Means()
         model = _make_model(config, mae, env)
-        self._agent = Agent(model, config.env)
-        self._learner = Learner(model, config)
+        cache = TokenCache(mae, config.token_cache_mib) if text is None else None
+        encode = cache.encode if cache else mae.encode
+        self._agent = Agent(model, config.env, encode)
+        self._learner = Learner(model, config, encode)
         seed = config.seed
         self._finetuner = None if text is None else Finetuner(mae, text, config.finetune, seed=seed)
         self._random = make_random_policy(derive_seed(seed, "prefill"))

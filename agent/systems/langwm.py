@@ -5,7 +5,7 @@ trained stands in ``learner``.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,9 @@ from pretrain.update import torch_seed
 SCHEMA_VERSION = 1
 CONFIG_FILE = "config.json"
 WEIGHTS_FILE = "model.safetensors"
+
+Encode = Callable[[Tensor], Tensor]
+"""Frames (B, H, W, 3) uint8 to the MAE's tokens."""
 
 
 class LanGWM(nn.Module):
@@ -98,11 +101,13 @@ class Agent:
     Args:
         model: The modules.
         env: The environment they were trained in.
+        encode: Frames to tokens; the MAE's own when None.
     """
 
-    def __init__(self, model: LanGWM, env: EnvConfig) -> None:
+    def __init__(self, model: LanGWM, env: EnvConfig, encode: Encode | None = None) -> None:
         self.model = model
         self.env = env
+        self._encode = encode or model.mae.encode
 
     def initial_state(self, seed: int = 0) -> AgentState:
         """The state before the first observation of an episode."""
@@ -143,7 +148,7 @@ class Agent:
         world_model, device = self.model.world_model, self.model.device
         rgb = torch.from_numpy(np.ascontiguousarray(obs["rgb"]))[None].to(device)
         task = torch.from_numpy(np.asarray(obs["task"], dtype=np.float32))[None].to(device)
-        embed = world_model.embed(self.model.mae.encode(rgb), task)
+        embed = world_model.embed(self._encode(rgb), task)
         is_first = torch.tensor([[state.step == 0]], device=device)
         post, _ = world_model.rssm.observe(
             embed[:, None], state.action[:, None], is_first, state.latent, generator

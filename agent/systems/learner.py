@@ -18,7 +18,7 @@ from agent.models.nets import frozen
 from agent.models.rssm import Latent
 from agent.models.world_model import Metrics, ModelBatch, world_model_loss
 from agent.replay import ReplayBatch
-from agent.systems.langwm import LanGWM
+from agent.systems.langwm import Encode, LanGWM
 from pretrain.config import OptimConfig
 from pretrain.optim import make_optimizer, optimizer_step
 from pretrain.update import torch_seed
@@ -33,8 +33,9 @@ class Learner:
     Source: Sec. 4.1 (optimised independently); method notes, decision 19 (one step each, in order).
     """
 
-    def __init__(self, model: LanGWM, config: AgentConfig) -> None:
+    def __init__(self, model: LanGWM, config: AgentConfig, encode: Encode | None = None) -> None:
         self._model = model
+        self._encode = encode or model.mae.encode
         self._config = config
         self._device_type = model.device.type
         behavior = config.behavior
@@ -77,7 +78,7 @@ class Learner:
     ) -> tuple[Latent, Metrics]:
         model = self._model.world_model.train()
         with self._autocast():
-            tokens = self._model.mae.encode(batch.rgb.flatten(0, 1))
+            tokens = self._encode(batch.rgb.flatten(0, 1))
             seen = ModelBatch(
                 tokens=tokens.unflatten(0, batch.reward.shape),
                 task=batch.task,

@@ -1,0 +1,47 @@
+import pytest
+
+from agent.config import AgentConfig
+from langwm_data.config_io import ConfigError, load_config, preset_names
+
+
+def load(name):
+    return load_config(AgentConfig, "agent", presets=[name])
+
+
+def test_presets_are_these():
+    assert preset_names("agent") == ["debug", "paper", "tiny"]
+
+
+@pytest.mark.parametrize("name", ["debug", "paper", "tiny"])
+def test_preset_loads(name):
+    assert load(name).system == "langwm"
+
+
+def test_paper_preset_equals_table_3():
+    config = load("paper")
+    pooling, rssm, behavior = config.world_model.pooling, config.world_model.rssm, config.behavior
+    assert (pooling.dim, pooling.num_heads, pooling.mlp_ratio, pooling.num_layers) == (256, 4, 4, 2)
+    assert (pooling.norm_eps, pooling.dropout) == (1e-6, 0.1)
+    assert (rssm.num_latents, rssm.num_classes, rssm.deter) == (32, 32, 1024)
+    assert (config.world_model.loss_scales.kl, config.world_model.learning_rate) == (1.0, 3e-4)
+    assert (behavior.imag_horizon, behavior.slow_critic_every) == (15, 100)
+    assert (behavior.actor_learning_rate, behavior.critic_learning_rate) == (1e-4, 1e-4)
+    for net in (config.world_model.head, behavior.actor, behavior.critic):
+        assert (net.layers, net.units) == (4, 400)
+    assert (config.optimizer.eps, config.optimizer.grad_clip) == (1e-5, 100.0)
+    assert (config.world_model.task.layers, config.world_model.task.units) == (4, 256)
+    assert (config.update_every, config.steps, config.replay.capacity_steps) == (5, 100_000, 300_000)
+
+
+def test_paper_preset_is_the_default():
+    assert load("paper") == AgentConfig()
+
+
+def test_tiny_keeps_the_papers_latents():
+    rssm = load("tiny").world_model.rssm
+    assert (rssm.num_latents, rssm.num_classes) == (32, 32)
+
+
+def test_heads_that_do_not_divide_the_width_are_refused():
+    with pytest.raises(ConfigError, match=r"pooling.*30.*multiple of num_heads 4"):
+        load_config(AgentConfig, "agent", assignments=["world_model.pooling.dim=30"])
