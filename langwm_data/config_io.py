@@ -178,6 +178,8 @@ def claim_output(out: Path, value: Any, *, fresh: bool = False, may_differ: Iter
 
 def _explain(cls: type, error: ValidationError) -> str:
     first = error.errors()[0]
+    if isinstance(cause := first.get("ctx", {}).get("error"), ConfigError):
+        return str(cause)  # said by a config itself about fields that do not fit together
     names = [str(p) for p in first["loc"]]
     field = ".".join(names)
     if first["type"] == "unexpected_keyword_argument":

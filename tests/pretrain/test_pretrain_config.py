@@ -50,7 +50,7 @@ def test_tiny_keeps_the_layout_of_the_paper():
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"mae": {"height": 100}}, "mae.height 100 must be a multiple of 16: 4 convolutions each halve"),
+        ({"mae": {"height": 100}}, "^mae.height 100 must be a multiple of 16: 4 convolutions each halve"),
         ({"mae": {"width": 100}}, "mae.width 100 must be a multiple of 16"),
         ({"mae": {"dim": 130}}, "mae.dim 130 must be a multiple of 4 and of num_heads 4"),
         ({"mae": {"mask_ratio": 1.0}}, "field 'mae.mask_ratio': value 1.0 is not allowed"),
