@@ -61,6 +61,8 @@ class EnvConfig:
     """Edges of the tiers of geodesic distance from start to goal; the first and last bound all of them."""
     with_labels: bool = False
     """Add ``info["objects"]`` and ``info["instance"]``: what online finetuning of the MAE needs."""
+    is_blind: bool = False
+    """Black frames in place of rendering: many times faster, for policies that read the task entry alone."""
     seed_eval: int = 0
     """Seed of the fixed evaluation episodes."""
 

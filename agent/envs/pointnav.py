@@ -24,7 +24,7 @@ from langwm_data.scenes.spec import MaterialRef, SceneSpec, Split
 from langwm_data.scenes.splits import sample_palette
 from langwm_data.seeding import make_rng
 from langwm_data.sim.camera import Camera
-from langwm_data.sim.render import Frame, Renderer, make_renderer
+from langwm_data.sim.render import BlindRenderer, Frame, Renderer, make_renderer
 from langwm_data.sim.world import RobotState
 from pretrain.batch import FrameObject
 
@@ -194,7 +194,8 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
         scene = self._site.scene
         # Loading takes longer than a short episode, so every floor keeps a renderer.
         if scene.name not in self._renderers:
-            self._renderers[scene.name] = make_renderer(self.config.render)
+            config = self.config
+            self._renderers[scene.name] = BlindRenderer() if config.is_blind else make_renderer(config.render)
             self._renderers[scene.name].load(scene)
         self._renderer = self._renderers[scene.name]
         rng = make_rng(episode.palette_seed, "palette")

@@ -46,6 +46,30 @@ class Renderer(Protocol):
         ...
 
 
+class BlindRenderer:
+    """Draws nothing: black frames without depth, for whoever reads no pixels and should not wait for them."""
+
+    name = "blind"
+
+    def load(self, scene: SceneSpec) -> None:
+        """Nothing to hold."""
+
+    def set_palette(self, palette: Sequence[MaterialRef]) -> None:
+        """Nothing to change."""
+
+    def render(self, camera: Camera) -> Frame:
+        """A frame of zeros."""
+        size = (camera.height, camera.width)
+        return Frame(
+            rgb=np.zeros((*size, 3), np.uint8),
+            depth=np.zeros(size, np.float32),
+            instance=np.zeros(size, np.uint16),
+        )
+
+    def close(self) -> None:
+        """Nothing to free."""
+
+
 def make_renderer(config: RenderConfig) -> Renderer:
     """The renderer that ``config`` asks for. PyBullet is imported only here and below."""
     from langwm_data.sim.render_tiny import TinyRenderer

@@ -364,3 +364,19 @@ def test_wrong_arguments_are_refused(empty_scene):
     for message, arguments in cases.items():
         with pytest.raises(ValueError, match=message):
             PointNavEnv(**({"config": SMALL, "scenes": [empty_scene]} | arguments))
+
+
+def test_blindness_changes_pixels_and_nothing_else(env, empty_scene):
+    blind = PointNavEnv(config(is_blind=True), scenes=[empty_scene])
+    tracks = []
+    for world in (env, blind):
+        obs, _ = play(world, (0.6, 1.5), 0.3, (3.4, 1.0))
+        track = [obs["task"]]
+        for action in (AHEAD, LEFT, AHEAD, BACK):
+            obs, reward, *_ = world.step(action)
+            track.append(np.append(obs["task"], reward))
+        tracks.append(np.concatenate(track))
+    blind.close()
+    assert np.array_equal(*tracks)
+    assert not obs["rgb"].any()
+    assert not obs["depth"].any()
