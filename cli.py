@@ -38,7 +38,9 @@ Steps = Annotated[int | None, typer.Option("--steps", help="How long to train.")
 T = TypeVar("T")
 
 # Typer carries its own click in newer releases and imports the package in older ones.
-_UsageError = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
+_UsageError: type[Exception] = next(
+    base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException"
+)
 
 
 @app.command("render-dataset")

@@ -4,7 +4,8 @@ Owns what is written under ``RUN/eval``. Every table is rebuilt from ``episodes.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from contextlib import closing
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -138,11 +139,14 @@ def evaluate_agent(
         agent, env = trained.act, env or trained.env
     config, known = env or EnvConfig(), _as_split(split)
     episodes = fixed_episodes(config, known, episodes_per_scene)
-    world = PointNavEnv(config, known)
-    try:
-        rows = play_all({AGENT: agent, **CONTROLS}, world, episodes, split=split, progress=progress)
-    finally:
-        world.close()
+    total = (1 + len(CONTROLS)) * len(episodes)
+    rows: list[Row] = []
+    # The controls look at no pixels, and drawing them would take most of the time.
+    for policies, is_blind in (({AGENT: agent}, False), (CONTROLS, True)):
+        before = len(rows)
+        show = None if progress is None else lambda done, _, before=before: progress(before + done, total)
+        with closing(PointNavEnv(replace(config, is_blind=is_blind), known)) as world:
+            rows += play_all(policies, world, episodes, split=split, progress=show)
     if out is not None:
         rows += [row for row in read_rows(out) if row["split"] != split]
         write_rows(out, rows)

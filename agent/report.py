@@ -272,7 +272,7 @@ def _maps(rows: Sequence[Row], data: Path) -> list[dict[str, str]]:
 def _walk(row: Row) -> Walk:
     return Walk(
         positions=np.array(row["trajectory"])[:, :2],
-        goal=(row["goal_x"], row["goal_y"]),
+        goal=(row["goal"][0], row["goal"][1]),
         is_success=row["success"],
     )
 

@@ -85,13 +85,14 @@ def mae_update(
     """
     mae.train()
     device = mae.device
+    batch = batch.to(device)
     others = [] if device.type == "cpu" else [device]
     generator = torch.Generator().manual_seed(torch_seed(seed, "tokens", step))
     with torch.random.fork_rng(others, device_type=device.type):
         torch.manual_seed(torch_seed(seed, "dropout", step))
         with torch.autocast(device.type, torch.bfloat16, enabled=config.precision == "bf16"):
-            output = mae(batch.to(device), generator)
-        loss, metrics = mae_loss(output, batch.to(device), mae.config)
+            output = mae(batch, generator)
+        loss, metrics = mae_loss(output, batch, mae.config)
         taken = optimizer_step(loss, optimizer, config, step)
     return {name: value.item() for name, value in metrics.items()} | {
         f"mae/{name}": value for name, value in taken.items()
