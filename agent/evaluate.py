@@ -3,8 +3,8 @@
 Owns what is written under ``RUN/eval``. Every table is rebuilt from ``episodes.parquet``.
 """
 
+import contextlib
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -139,36 +139,40 @@ def evaluate_agent(
         agent, env = trained.act, env or trained.env
     config, known = env or EnvConfig(), _as_split(split)
     episodes = fixed_episodes(config, known, episodes_per_scene)
-    total = (1 + len(CONTROLS)) * len(episodes)
-    rows: list[Row] = []
-    # The controls look at no pixels, and drawing them would take most of the time.
-    for policies, is_blind in (({AGENT: agent}, False), (CONTROLS, True)):
-        before = len(rows)
-        show = None if progress is None else lambda done, _, before=before: progress(before + done, total)
-        with closing(PointNavEnv(replace(config, is_blind=is_blind), known)) as world:
-            rows += play_all(policies, world, episodes, split=split, progress=show)
+    rows, total = [], (1 + len(CONTROLS)) * len(episodes)
+
+    def tick(done: int) -> None:
+        if progress is not None:
+            progress(len(rows) + done, total)
+
+    with contextlib.closing(PointNavEnv(config, known)) as world:
+        rows += play(AGENT, agent, world, episodes, split=split, tick=tick)
+    # The controls look at nothing, so nothing is rendered for them.
+    with contextlib.closing(PointNavEnv(replace(config, is_blind=True), known)) as world:
+        for name, control in CONTROLS.items():
+            rows += play(name, control, world, episodes, split=split, tick=tick)
     if out is not None:
         rows += [row for row in read_rows(out) if row["split"] != split]
         write_rows(out, rows)
     return summarise(rows)
 
 
-def play_all(
-    policies: Mapping[str, Policy],
+def play(
+    system: str,
+    policy: Policy,
     env: gymnasium.Env,
     episodes: Sequence[Episode],
     *,
     split: str,
-    progress: Progress | None = None,
+    tick: Callable[[int], None] | None = None,
 ) -> list[Row]:
-    """Play every episode once with every policy."""
-    rows, total = [], len(policies) * len(episodes)
+    """Play every episode once; ``tick`` is called with how many are done."""
+    rows = []
     for number, episode in enumerate(episodes):
-        for name, policy in policies.items():
-            record = run_episode(env, policy, episode=episode)
-            rows.append({"system": name, "split": split, "episode": number, **_as_row(record)})
-            if progress is not None:
-                progress(len(rows), total)
+        record = run_episode(env, policy, episode=episode)
+        rows.append({"system": system, "split": split, "episode": number, **_as_row(record)})
+        if tick is not None:
+            tick(len(rows))
     return rows
 
 
