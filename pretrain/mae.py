@@ -108,8 +108,8 @@ class LanguageGroundedMAE(nn.Module):
         rows, columns = (torch.tensor([size]) for size in config.grid)
         self._constant("patch_position", grid_positions(config.grid, dim))
         self._constant("reward_position", sincos_2d(rows, columns, dim))
-        self._constant("pixel_mean", torch.tensor(IMAGENET_MEAN)[:, None, None])
-        self._constant("pixel_std", torch.tensor(IMAGENET_STD)[:, None, None])
+        self._constant("pixel_mean", 255 * torch.tensor(IMAGENET_MEAN)[:, None, None])
+        self._constant("pixel_std", 255 * torch.tensor(IMAGENET_STD)[:, None, None])
         self.register_buffer("null_embed", null_text.embed[:1].float().clone())
         self.register_buffer("null_attend", null_text.attend[:1].clone())
 
@@ -135,9 +135,10 @@ class LanguageGroundedMAE(nn.Module):
 
         Source: Eq. 3 (rows 1 and 2).
         """
-        pixels = (rearrange(rgb, "b h w c -> b c h w").float() / 255 - self.pixel_mean) / self.pixel_std
+        pixels = rearrange(rgb, "b h w c -> b c h w").float()
+        pixels = pixels.sub_(self.pixel_mean).div_(self.pixel_std)
         if is_hidden is not None:
-            pixels = pixels.masked_fill(is_hidden[:, None], 0.0)
+            pixels = pixels.masked_fill_(is_hidden[:, None], 0.0)
         tokens = rearrange(self.convolutions(pixels), "b d h w -> b (h w) d")
         assert tokens.shape[1] == self.config.num_patches
         return tokens + self.patch_position + self.image_modality
