@@ -90,9 +90,11 @@ def test_killed_and_started_again_gives_the_same_bytes(folder, tmp_path):
     command = [sys.executable, tmp_path / "job.py", tmp_path / "config.yaml", out]
     environment = os.environ | {"PYTHONPATH": str(Path.cwd())}
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as job:
-        while int(job.stdout.readline()) < 4:
-            pass
-        job.send_signal(signal.SIGKILL)
+        try:
+            while int(job.stdout.readline()) < 4:
+                pass
+        finally:
+            job.send_signal(signal.SIGKILL)
     assert (out / "train/train-000000.tar").is_file()
     assert not (out / MANIFEST_FILE).exists()
     calls = []

@@ -56,19 +56,20 @@ def test_a_killed_worker_is_reported():
 
 
 ORPHANS = """
-import os, sys, time
+import os, signal, sys, time
 from langwm_data.workers import WorkerPool
 
 class Sleeper:
     def __enter__(self): return self
     def __exit__(self, *_): pass
     def __call__(self, task, report):
-        print(os.getpid(), flush=True)
+        os.write(1, f"{os.getpid()}\\n".encode())  # one write, so that two workers' lines never mix
         while True:
             time.sleep(0.05)
             report(0)
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background inherit "ignore"
     with WorkerPool(Sleeper, 2) as pool:
         pool.run([1, 2], int)
 """
@@ -86,9 +87,12 @@ def test_workers_end_with_their_parent(number, tmp_path):
         text=True,
         env=environment,
     ) as parent:
-        pids = [int(parent.stdout.readline()) for _ in range(2)]
-        parent.send_signal(number)
-        parent.wait(10)
+        try:
+            pids = [int(parent.stdout.readline()) for _ in range(2)]
+            parent.send_signal(number)
+            parent.wait(30)
+        finally:
+            parent.kill()
     deadline = time.monotonic() + 10
     while any(is_running(pid) for pid in pids) and time.monotonic() < deadline:
         time.sleep(0.05)
