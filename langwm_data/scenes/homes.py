@@ -6,7 +6,7 @@ millimetres above what they will rest on until a simulator settles them.
 
 from collections.abc import Mapping, Sequence
 
-from langwm_data.scenes.floorplan import FloorPlan, PlanKind, sample_plan
+from langwm_data.scenes.floorplan import sample_plan
 from langwm_data.scenes.furnishing.fittings import dress_windows, fill_openings
 from langwm_data.scenes.furnishing.kitchen import furnish_kitchen
 from langwm_data.scenes.furnishing.living import furnish_dining_room, furnish_living_room
@@ -14,6 +14,8 @@ from langwm_data.scenes.furnishing.placement import Placement, RoomState
 from langwm_data.scenes.furnishing.private import furnish_bathroom, furnish_bedroom, furnish_study
 from langwm_data.scenes.furnishing.service import furnish_hallway, furnish_playroom, furnish_storage_room
 from langwm_data.scenes.furnishing.style import HomeStyle, sample_style
+from langwm_data.scenes.layouts import PlanKind
+from langwm_data.scenes.plan import FloorPlan
 from langwm_data.scenes.spec import (
     DoorwaySpec,
     MaterialSlot,

@@ -1,4 +1,4 @@
-"""What things are called: categories of furniture and structure, kinds of rooms.
+"""What things are called: categories of furniture and structure.
 
 Owns names and the words a caption uses for them. How a category looks stands in ``furniture``.
 """
@@ -9,18 +9,6 @@ from types import MappingProxyType
 
 STRUCTURE = ("wall", "floor", "ceiling")
 """Parts of the building itself; the same words as ``spec.SurfaceKind``."""
-
-ROOM_KINDS = (
-    "living_room",
-    "kitchen",
-    "dining_room",
-    "bedroom",
-    "bathroom",
-    "study",
-    "hallway",
-    "playroom",
-    "storage_room",
-)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,9 +7,9 @@ seen from inside that room only. Holes for doors and windows are left out piece 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from langwm_data.scenes.floorplan import HALF_WALL, FloorPlan, Opening, cell_of
 from langwm_data.scenes.furniture.openings import WALL_THICKNESS
-from langwm_data.scenes.spec import PartSpec, Rect, RoomSpec, SurfaceKind, Vec3
+from langwm_data.scenes.plan import HALF_WALL, FloorPlan, Opening, cell_of
+from langwm_data.scenes.spec import PartSpec, RoomSpec, SurfaceKind, Vec3
 
 SLAB = 0.1
 """Thickness of floors and ceilings."""
@@ -99,8 +99,3 @@ def _around_holes(
         at = high
     boxes.append(box(at, span[1], 0.0, height_m))
     return boxes
-
-
-def contains(rect: Rect, xy: tuple[float, float]) -> bool:
-    """Whether a point lies in a rectangle."""
-    return rect[0] <= xy[0] <= rect[2] and rect[1] <= xy[1] <= rect[3]

@@ -7,7 +7,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
-from langwm_data.scenes.floorplan import FloorPlan, Opening, cell_of
 from langwm_data.scenes.furnishing.placement import WALL_GAP, Placement, RoomState, Wall, Zone
 from langwm_data.scenes.furniture import build_model, model_names
 from langwm_data.scenes.furniture.decor import CURTAIN_DROPS
@@ -18,6 +17,7 @@ from langwm_data.scenes.furniture.openings import (
     DOOR_WIDTHS,
     WALL_THICKNESS,
 )
+from langwm_data.scenes.plan import FloorPlan, Opening, cell_of
 from langwm_data.scenes.spec import Rect
 
 DOOR_ZONE = 0.7

@@ -3,8 +3,10 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from langwm_data.scenes.floorplan import LIMITS, PUBLIC, cell_of, sample_plan
+from langwm_data.scenes.floorplan import sample_plan
 from langwm_data.scenes.geometry import rects_overlap
+from langwm_data.scenes.layouts import LIMITS, PUBLIC
+from langwm_data.scenes.plan import cell_of
 from langwm_data.scenes.walls import room_pieces
 
 PLANS = [

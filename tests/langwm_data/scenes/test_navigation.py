@@ -136,6 +136,13 @@ def test_a_robot_that_touches_a_wall_still_has_a_distance():
     assert field.distance((0.205, 0.205)) == pytest.approx(math.hypot(4.795, 1.795), abs=0.05)
 
 
+def test_a_robot_deep_in_a_slot_barely_wider_than_itself_still_has_a_distance():
+    blocks = [((0, 0, 0), (1.5, 1.887, 2.5)), ((0, 2.293, 0), (1.5, 4.0, 2.5))]
+    space = FreeSpace.from_scene(room_scene(6.0, 4.0, blocks), robot=ROBOT, resolution_m=0.1)
+    assert not space.is_free((0.5, 2.09))
+    assert space.distance_field((5.0, 2.09)).distance((0.5, 2.09)) == pytest.approx(4.5, abs=0.15)
+
+
 def test_only_the_largest_area_counts_and_the_rest_is_unreachable():
     space = FreeSpace.from_scene(room_scene(6.0, 4.0, [((2.4, 0, 0), (2.5, 4.0, 2.5))]), robot=ROBOT)
     assert space.is_free((4, 2))
