@@ -9,6 +9,7 @@ import contextlib
 import errno
 import logging
 import os
+import signal
 import sys
 import time
 import traceback
@@ -169,6 +170,8 @@ def main() -> None:
     logging.basicConfig(level=level, format="%(message)s", stream=sys.stderr)
     for chatty in ("httpx", "transformers", "matplotlib"):
         logging.getLogger(chatty).setLevel(logging.ERROR)
+    # Stages that hold something in memory save it on either signal; the others just stop.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     sys.exit(run(sys.argv[1:]))
 
 

@@ -14,7 +14,7 @@ from scipy import ndimage
 
 from langwm_data.config import LabelsConfig
 from langwm_data.labels.captions import Caption, direction, sample_caption
-from langwm_data.scenes.taxonomy import is_structure
+from langwm_data.scenes.taxonomy import is_nameable
 
 __all__ = ["Caption", "ObjectLabel", "is_eligible", "label_frame"]
 
@@ -45,7 +45,7 @@ def is_eligible(label: ObjectLabel, image_area: int, config: LabelsConfig) -> bo
     Source: ours (method notes, decision 13).
     """
     return (
-        not is_structure(label.category)
+        is_nameable(label.category)
         and label.area_px >= config.min_area_fraction * image_area
         and label.distance_m > 0
     )

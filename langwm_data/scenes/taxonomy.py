@@ -128,3 +128,8 @@ def phrase(category: str) -> str:
 def is_structure(category: str) -> bool:
     """Whether this is the building itself (wall, floor, ceiling) and not an object in it."""
     return category in STRUCTURE
+
+
+def is_nameable(category: str) -> bool:
+    """Whether a caption may be about it: objects, but not the building or the frames set into its walls."""
+    return not is_structure(category) and category != "door_frame"

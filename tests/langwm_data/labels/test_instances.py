@@ -11,7 +11,13 @@ from pycocotools import mask as coco_mask
 from langwm_data.config import LabelsConfig
 from langwm_data.labels.instances import is_eligible, label_frame
 
-TABLE = {1: ("wall", "study_wall"), 2: ("chair", "chair_01"), 3: ("sofa", "sofa_02"), 4: ("cup", "cup_01")}
+TABLE = {
+    5: ("door_frame", "door_frame_01"),
+    1: ("wall", "study_wall"),
+    2: ("chair", "chair_01"),
+    3: ("sofa", "sofa_02"),
+    4: ("cup", "cup_01"),
+}
 CONFIG = LabelsConfig()
 
 
@@ -77,6 +83,11 @@ def test_walls_get_labels_but_no_captions():
     assert caption.direction == {1: sofa.direction_rule1, 2: sofa.direction_rule2}[caption.rule]
     assert sofa.direction_rule1 == "right"
     assert caption.distance == "2 meters"
+
+
+def test_door_frames_are_labelled_as_part_of_the_building():
+    (found,) = label(image_with(5, slice(0, 50), slice(0, 50)))
+    assert (found.category, found.captions) == ("door_frame", ())
 
 
 def test_same_seed_same_labels_and_they_are_plain_json():

@@ -1,6 +1,6 @@
 import pytest
 
-from langwm_data.scenes.taxonomy import CATEGORIES, STRUCTURE, is_structure, phrase
+from langwm_data.scenes.taxonomy import CATEGORIES, STRUCTURE, is_nameable, is_structure, phrase
 
 
 def test_there_are_at_least_twenty_five_categories_named_in_snake_case():
@@ -22,3 +22,8 @@ def test_structure_is_not_furniture():
 def test_an_unknown_category_is_refused_by_name():
     with pytest.raises(ValueError, match=r"category 'spaceship' is unknown; allowed: wall, .*chair"):
         phrase("spaceship")
+
+
+def test_captions_are_about_objects_only():
+    unnamed = [name for name in (*STRUCTURE, *CATEGORIES) if not is_nameable(name)]
+    assert unnamed == [*STRUCTURE, "door_frame"]
