@@ -33,7 +33,7 @@ class TokenCache:
 
     def encode(self, rgb: UInt8[Tensor, "B H W 3"]) -> Float[Tensor, "B N V"]:
         """Tokens of frames; as ``LanguageGroundedMAE.encode``, rounded to half precision."""
-        return torch.stack([self._encode_one(frame) for frame in rgb]).float()
+        return torch.stack([self._encode_one(frame).float() for frame in rgb])
 
     def _encode_one(self, frame: UInt8[Tensor, "H W 3"]) -> Tensor:
         key = hashlib.blake2b(frame.numpy(force=True).tobytes(), digest_size=16).digest()

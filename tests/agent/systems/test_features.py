@@ -35,3 +35,9 @@ def test_memory_is_limited_and_forgets_the_oldest(tiny_mae):
     kept = cache.encode(rgb)
     assert len(cache) == 3
     assert torch.equal(cache.encode(rgb), kept)
+
+
+def test_tokens_are_the_same_under_autocast(tiny_mae):
+    plain = TokenCache(tiny_mae, 1).encode(frames(2))
+    with torch.autocast("cpu", torch.bfloat16):
+        assert torch.equal(TokenCache(tiny_mae, 1).encode(frames(2)), plain)
