@@ -22,6 +22,9 @@ IMAGENET_MEAN = (0.485, 0.456, 0.406)
 IMAGENET_STD = (0.229, 0.224, 0.225)
 INIT_STD = 0.02
 """Of learned tokens. Source: MAE."""
+HEAD_GAIN = 0.01
+"""Of the output layers: without it, predictions start as noise at every pixel, and unlearning that noise
+takes longer than everything else. Source: ours."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,6 +107,9 @@ class LanguageGroundedMAE(nn.Module):
         self.decoder = _make_transformer(config, config.decoder_layers)
         self.depth_head = nn.Linear(dim, config.patch_px**2)
         self.reward_head = nn.Linear(dim, 1)
+        for head in (self.depth_head, self.reward_head):
+            nn.init.xavier_uniform_(head.weight, gain=HEAD_GAIN)
+            nn.init.zeros_(head.bias)
 
         rows, columns = (torch.tensor([size]) for size in config.grid)
         self._constant("patch_position", grid_positions(config.grid, dim))
