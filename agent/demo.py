@@ -45,7 +45,8 @@ PROBE_FRAMES = 400
 PANELS = 4
 PANEL_MIN_SHARE = 0.06
 """Of the picture behind the box: smaller ones show nothing."""
-EPISODES_PER_FLOOR = {"test": 10, "train": 2}
+TRAIN_FLOORS_PER_TEST_FLOOR = 4
+"""Each training floor gets as many times fewer episodes, so that both splits get about as many."""
 
 
 @config
@@ -105,7 +106,7 @@ def run_demo(out: Path, *, preset: str, seed: int, workers: int, fresh: bool, pr
         train_agent(stages.agent, out / AGENT, progress=show)
     log.info("4/4 scoring it on fixed episodes")
     with clock.measure("evaluate"):
-        evaluate(out, progress)
+        evaluate(out / AGENT, stages.agent.eval_episodes, progress)
     return write_report(out, _parts(stages), clock.seconds)
 
 
@@ -185,11 +186,17 @@ def write_panels(folder: Path, scene: ProbeScene, depth_of: Mapping[str, Tensor]
     atomic.write_json(folder / PANELS_FILE, panels)
 
 
-def evaluate(out: Path, progress: Progress) -> None:
-    """Score agent and controls on the training and the test floors."""
-    run = out / AGENT
+def evaluate(run: Path, episodes: int, progress: Progress) -> None:
+    """Score agent and controls on the fixed episodes of the test and the training floors.
+
+    Args:
+        run: Of the agent.
+        episodes: On each test floor.
+        progress: Makes a display for each split.
+    """
     done = {row["split"] for row in read_rows(run / EVAL_FOLDER)}
-    for split, episodes in EPISODES_PER_FLOOR.items():
+    per_floor = {"test": episodes, "train": max(1, episodes // TRAIN_FLOORS_PER_TEST_FLOOR)}
+    for split, count in per_floor.items():
         if split not in done:
             with progress(f"episodes on {split} floors") as show:
-                evaluate_run(run, split=split, episodes_per_scene=episodes, progress=show)
+                evaluate_run(run, split=split, episodes_per_scene=count, progress=show)

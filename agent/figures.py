@@ -23,7 +23,7 @@ class Curve:
     """One line of a plot."""
 
     name: str
-    steps: Sequence[float]
+    steps: Sequence[int]
     values: Sequence[float]
 
 

@@ -244,7 +244,7 @@ def _score_row(score: Score) -> dict[str, Any]:
         "is_ours": score.system == AGENT_ROW,
         "episodes": score.num_episodes,
         "success": f"{100 * score.success.mean:.1f}",
-        "success_interval": _range(score.success, 1, 100),
+        "success_interval": _range(score.success, 1, 100.0),
         "spl": f"{means['spl'].mean:.3f}",
         "spl_interval": _range(means["spl"], 3),
         "soft_spl": f"{means['soft_spl'].mean:.3f}",
