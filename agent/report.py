@@ -102,8 +102,8 @@ def _dataset(data: Path) -> dict[str, Any]:
         f" {summary.bytes_total / 1e6:.0f} MB. Left to right: colour, instances, depth"
         f" (dark is near, bright is {DEPTH_SCALE_M:.0f} m)."
     )
-    numbers = np.linspace(0, len(dataset) - 1, 8 * FRAMES_SHOWN).round().astype(int).tolist()
-    samples = [dataset[n] for n in numbers]
+    numbers = np.linspace(0, len(dataset) - 1, 8 * FRAMES_SHOWN).round().astype(int)
+    samples = [dataset[n] for n in np.unique(numbers).tolist()]
     shown = sorted(samples, key=lambda s: -_num_captions(s))[:FRAMES_SHOWN]
     return {"sentence": sentence, "frames": [_frame(s) for s in sorted(shown, key=lambda s: s.key)]}
 
