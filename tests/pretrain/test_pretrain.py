@@ -125,9 +125,9 @@ def test_overfits_one_batch(mae_config, make_frames, text):
     batch = make_mae_batch(batch_rng(0, 0), make_frames(4), text, ObjectMaskConfig(max_objects=1), None)
     config = OptimConfig(learning_rate=3e-3, warmup_steps=10)
     optimizer = make_optimizer(model, config)
-    found = [mae_update(model, optimizer, batch, config, seed=0, step=s) for s in range(80)]
-    assert found[-1]["mae/depth_loss"] < 0.05 * found[0]["mae/depth_loss"]
-    assert found[-1]["mae/reward_loss"] < 0.05 * found[0]["mae/reward_loss"]
+    found = [mae_update(model, optimizer, batch, config, seed=0, step=s) for s in range(160)]
+    for name in ("mae/depth_loss", "mae/reward_loss"):  # token masks differ from step to step
+        assert np.median([m[name] for m in found[-20:]]) < 0.1 * found[0][name]
 
 
 def test_bf16_stays_close_to_fp32(mae_config, make_frames, text):
