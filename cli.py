@@ -187,6 +187,8 @@ def run(arguments: list[str]) -> int:
         return _fail(str(error), 2)
     except OSError as error:
         return _fail(_explain_os_error(error), 1)
+    except FloatingPointError as error:
+        return _fail(f"training diverged: {error}", 1)
     except (KeyboardInterrupt, typer.Abort):
         return _fail("interrupted; the same command goes on from here", 130)
 

@@ -45,8 +45,8 @@ PROBE_FRAMES = 400
 PANELS = 4
 PANEL_MIN_SHARE = 0.06
 """Of the picture behind the box: smaller ones show nothing."""
-TRAIN_FLOORS_PER_TEST_FLOOR = 4
-"""Each training floor gets as many times fewer episodes, so that both splits get about as many."""
+TRAIN_SHARE = 8
+"""A training floor gets this many times fewer episodes than a test floor: there are four times as many."""
 
 
 @config
@@ -195,7 +195,7 @@ def evaluate(run: Path, episodes: int, progress: Progress) -> None:
         progress: Makes a display for each split.
     """
     done = {row["split"] for row in read_rows(run / EVAL_FOLDER)}
-    per_floor = {"test": episodes, "train": max(1, episodes // TRAIN_FLOORS_PER_TEST_FLOOR)}
+    per_floor = {"test": episodes, "train": max(1, episodes // TRAIN_SHARE)}
     for split, count in per_floor.items():
         if split not in done:
             with progress(f"episodes on {split} floors") as show:

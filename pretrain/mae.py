@@ -214,12 +214,13 @@ class LanguageGroundedMAE(nn.Module):
         expected = (self.config.height, self.config.width, 3)
         if tuple(rgb.shape[1:]) != expected:
             raise ValueError(f"frames of shape {tuple(rgb.shape[1:])}; this model reads {expected}")
-        was_training = self.training
-        self.eval()
-        try:
-            return self.encode_tokens(self.patchify(rgb), self.null_text(len(rgb))).float()
-        finally:
-            self.train(was_training)
+        if self.training:
+            self.eval()
+            try:
+                return self.encode(rgb)
+            finally:
+                self.train()
+        return self.encode_tokens(self.patchify(rgb), self.null_text(len(rgb))).float()
 
     def save_pretrained(self, folder: Path) -> None:
         """Write ``config.json`` and ``model.safetensors``."""

@@ -134,13 +134,19 @@ class Agent:
         state = state or self.initial_state()
         device = self.model.device
         generator = torch.Generator(device).manual_seed(torch_seed(state.seed, "act", state.step))
-        self.model.eval()
+        self._be_evaluated()
         with torch.no_grad():
             latent = self._observe(obs, state, generator)
             policy = self.model.behavior.policy(latent.feat)
             action = policy.rsample(generator) if explore else policy.mode
         after = AgentState(latent=latent, action=action, seed=state.seed, step=state.step + 1)
         return action[0].cpu().numpy(), after
+
+    def _be_evaluated(self) -> None:
+        """Dropout off; setting the mode anew at every step would take longer than the memory's step."""
+        for module in self.model.children():
+            if module.training:
+                module.eval()
 
     def _observe(
         self, obs: Mapping[str, np.ndarray], state: AgentState, generator: torch.Generator
