@@ -29,7 +29,7 @@ demo: setup  ## Render, pretrain, train, evaluate; writes demo/report.html (unde
 	$(BIN)/langwm demo --out $(DEMO_OUT)
 
 test: setup-dev  ## Run the tests on two cores
-	OMP_NUM_THREADS=1 $(BIN)/pytest -q -n 2
+	OMP_NUM_THREADS=1 $(BIN)/pytest -q -n 2 --dist loadfile
 
 check: setup-dev  ## Format, lint, types, layers
 	$(BIN)/ruff format --check .
