@@ -27,7 +27,7 @@ def refuse(capsys, *arguments: str) -> str:
     [
         (["render-dataset"], "Missing option '--out'"),
         (["render-datset", "--out", "x"], "No such command 'render-datset'"),
-        (["render-dataset", "--out", "x", "--workers", "two"], "'two' is not a valid int"),
+        (["render-dataset", "--out", "x", "--workers", "two"], "Invalid value for '--workers'"),
         (["render-dataset", "--out", "x", "--preset", "huge"], "--preset 'huge' is unknown; allowed: debug"),
         (["render-dataset", "--out", "x", "--set", "camera.heigth=64"], "did you mean 'height'?"),
         (["render-dataset", "--out", "x", "--set", "camera.height=tall"], "'camera.height': value 'tall'"),
