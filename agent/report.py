@@ -29,6 +29,7 @@ from langwm_data.shards.gallery import draw_depth, draw_instances
 from langwm_data.shards.sample import Sample
 from langwm_data.shards.summary import summarise as summarise_dataset
 from pretrain.metrics import read_metrics
+from pretrain.model_file import load_model_file
 
 REPORT_FILE = "report.html"
 FRAMES_SHOWN = 6
@@ -69,7 +70,7 @@ def write_report(out: Path, stages: Sequence[tuple[str, str, str]], seconds: Map
         stages: Key in ``seconds``, title and outcome of each part, in order.
         seconds: Time spent on each part.
     """
-    grounding = _grounding(out / "probe")
+    grounding = _grounding(out / "probe", out / "mae")
     navigation = _navigation(out / "agent", out / "data")
     costs = [
         {"part": title, "seconds": f"{seconds.get(key, 0.0):.0f}", "outcome": outcome}
@@ -122,7 +123,8 @@ def _frame(sample: Sample) -> dict[str, str]:
     }
 
 
-def _grounding(probe: Path) -> dict[str, Any]:
+def _grounding(probe: Path, mae: Path) -> dict[str, Any]:
+    mask_ratio = load_model_file(mae)[0].mask_ratio
     table = pq.read_table(probe / "probe.parquet")
     errors = {name: table[f"error_{name}_m"].to_numpy() for _, name in CAPTION_ROWS}
     rng = make_rng(0, "report", "grounding")
@@ -147,8 +149,9 @@ def _grounding(probe: Path) -> dict[str, Any]:
     return {
         "finding": finding,
         "sentence": f"On {len(table)} frames of floors and textures never trained on, one object is hidden"
-        " behind a box, and three quarters of the image tokens are dropped. The autoencoder predicts depth"
-        " from what is left and from a caption; only the caption differs between the first three rows.",
+        f" behind a box, and {100 * mask_ratio:.0f} % of the image tokens are dropped. The autoencoder"
+        " predicts depth from what is left and from a caption; only the caption differs between the first"
+        " three rows.",
         "rows": rows,
         "note": "Mean absolute error over the box; intervals are 95 % bootstraps over frames, differences"
         " paired by frame. A wrong caption names another category at least 1 m nearer or farther.",
