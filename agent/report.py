@@ -229,8 +229,18 @@ def _navigation(run: Path, data: Path) -> dict[str, Any]:
         for split in ("test", "train")
         if (AGENT_ROW, split) in rates
     ]
+    left = [
+        f"{rates[AGENT_ROW, split].means['distance_to_goal'].mean:.2f} m (random"
+        f" {rates['random', split].means['distance_to_goal'].mean:.2f} m)"
+        for split in ("test", "train")
+        if (AGENT_ROW, split) in rates
+    ]
     return {
-        "finding": "Navigation: the agent arrives in " + " and ".join(parts) + ".",
+        "finding": "Navigation: the agent arrives in "
+        + " and ".join(parts)
+        + "; what is left to the goal at the end is "
+        + " and ".join(left)
+        + ".",
         "sentence": "The same fixed episodes for every system. The agent has learned for a few minutes only;"
         " turn-to-goal reads the goal's bearing and is blind to obstacles.",
         "tables": tables,
