@@ -93,7 +93,6 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
         self._field: DistanceField
         self._measures: EpisodeMeasures
         self._state: RobotState
-        self._yaw: float
         self._frame: Frame
         self._num_steps: int
 
