@@ -209,6 +209,14 @@ class FinetuneConfig:
     pretrain_updates: Count = 5000
     """Updates of the MAE on the prefilled replay, before anything else learns. Source: MWM."""
 
+    def __post_init__(self) -> None:
+        """Refuse a schedule that would need to know when learning ends."""
+        if self.optimizer.schedule != "constant":
+            raise ConfigError(
+                f"finetune.optimizer.schedule {self.optimizer.schedule!r} must be 'constant':"
+                " learning from replay has no last step"
+            )
+
 
 @config
 class AgentConfig:

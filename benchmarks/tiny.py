@@ -24,7 +24,7 @@ from pretrain.batch import FrameBatch, FrameObject
 from pretrain.config import PretrainConfig
 from pretrain.language import FrozenText
 from pretrain.mae import LanguageGroundedMAE
-from pretrain.optim import make_optimizer
+from pretrain.optim import Optimizer
 from pretrain.update import batch_rng, mae_update, make_mae_batch
 
 SCENE = "Alder_0"
@@ -62,7 +62,7 @@ def bench_rendering(config: DatasetConfig) -> list:
 def bench_pretraining(config: PretrainConfig, seen: list) -> None:
     text = FrozenText(config.text, torch.device("cpu"))
     mae = LanguageGroundedMAE(config.mae, config.text, text.null_text)
-    optimizer = make_optimizer(mae, config.optimizer)
+    optimizer = Optimizer(mae, config.optimizer)
     chosen = [seen[i % len(seen)] for i in range(config.batch_size)]
     objects = [
         [
@@ -96,7 +96,7 @@ def bench_pretraining(config: PretrainConfig, seen: list) -> None:
         "pretraining step",
         "images/s",
         config.batch_size,
-        lambda: mae_update(mae, optimizer, batch, config.optimizer, seed=0, step=0),
+        lambda: mae_update(mae, optimizer, batch, seed=0, step=0),
     )
     mae.eval()
     report("encode, one frame", "frames/s", 20, lambda: [mae.encode(batch.rgb[:1]) for _ in range(20)])

@@ -12,7 +12,6 @@ from pydantic import Field
 from langwm_data.config_io import ConfigError, config
 
 Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
 PositiveInt = Annotated[int, Field(ge=1)]
 Count = Annotated[int, Field(ge=0)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
@@ -144,6 +143,8 @@ class OptimConfig:
     max_grad_norm: Positive = 100.0
     warmup_steps: Count = 2500
     """Linear. Source: MWM configs.yaml; the paper does not say."""
+    schedule: Literal["constant", "cosine"] = "constant"
+    """After the warm-up. ``cosine`` falls to zero over the steps of the run. Source: MWM; MAE (cosine)."""
     precision: Literal["fp32", "bf16"] = "fp32"
     """``bf16``: autocast; weights and optimizer stay in fp32."""
 

@@ -5,8 +5,10 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -22,7 +24,7 @@ from pretrain.language import FrozenText
 from pretrain.mae import LanguageGroundedMAE
 from pretrain.metrics import MetricsLogger
 from pretrain.model_file import MODEL_FOLDER
-from pretrain.optim import make_optimizer
+from pretrain.optim import Optimizer
 from pretrain.pictures import encode_png, mae_panel
 from pretrain.update import batch_rng, mae_update, make_mae_batch, torch_seed
 from pretrain.validation import make_validation_batch, validate
@@ -33,12 +35,22 @@ PICTURES = "pictures"
 Progress = Callable[[int, int], None]
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Frames:
+    """What there is to learn from."""
+
+    train: FrameDataset
+    valid: FrameDataset | None
+    fingerprint: str
+    """Of the dataset."""
+
+
 @dataclass(kw_only=True)
 class _Learner:
     """What learns, and how far it is."""
 
     mae: LanguageGroundedMAE
-    optimizer: torch.optim.Optimizer
+    optimizer: Optimizer
     step: int = 0
 
 
@@ -46,6 +58,11 @@ def pretrain_mae(
     config: PretrainConfig, data: Path, out: Path, *, fresh: bool = False, progress: Progress | None = None
 ) -> Path:
     """Pretrain the autoencoder on a rendered dataset, going on where an earlier call stopped.
+
+    An interrupted run ends with the same weights as an uninterrupted one. A run may be continued with
+    more steps, also after its end. At a constant learning rate that, too, gives what the longer run
+    would have given in one go. A cosine follows the curve of the new length from there on, so the
+    learning rate rises once where the old curve was left; the metrics have it step by step.
 
     Args:
         config: Everything about the run.
@@ -59,39 +76,35 @@ def pretrain_mae(
 
     Raises:
         ConfigError: If data, text encoder, device or ``out`` cannot be used; nothing was changed then.
+        ValueError: If the last checkpoint is damaged.
         KeyboardInterrupt: After SIGINT or SIGTERM, once everything is saved.
         FloatingPointError: If training diverges.
     """
-    size = (config.mae.height, config.mae.width)
-    fingerprint = ShardDataset(data).manifest.fingerprint
-    train, valid = (open_split(data, split, size, config.ram_mib) for split in ("train", "test"))
-    if train is None:
-        raise ConfigError(f"--data {str(data)!r} has no training frames")
+    frames = _open_frames(config, data)
     text = FrozenText(config.text, usable_device(config.device))
+    held = None if fresh else _load(out, frames.fingerprint, config.device)
+    if held is not None:
+        config = replace(config, steps=max(config.steps, held[0]))  # what is done stays done
     claim_output(out, config, fresh=fresh, may_differ=("steps",))
-    learner = _make_learner(config, text)
-    _restore(learner, out, fingerprint)
+    learner = _make_learner(config, text, held)
     if learner.step >= config.steps:
         log.info("%s has finished its %d steps; --fresh starts over", out, learner.step)
         return out
-
-    def make(step: int) -> MAEBatch:
-        numbers = batch_numbers(config.seed, step, config.batch_size, len(train))
-        rng = batch_rng(config.seed, step)
-        return make_mae_batch(rng, train.batch(numbers), text, config.objects, config.augment)
-
-    watcher = _Watcher(config, out, _held_out(config, valid, text))
+    watcher = _Watcher(config, out, _held_out(config, frames.valid, text))
+    make = partial(_make_batch, config, frames.train, text)
     with MetricsLogger(out, learner.step) as logger, stop_requests() as stop:
+        saved = learner.step
         with _prefetched(make, range(learner.step, config.steps)) as batches:
             while learner.step < config.steps and not stop.is_set():
                 metrics = _step(config, learner, batches)
                 watcher.look(learner, logger, metrics)
                 if learner.step % config.checkpoint_every == 0:
-                    _save(learner, out, fingerprint)
+                    saved = _save(learner, out, frames.fingerprint)
                 if progress is not None:
                     progress(learner.step, config.steps)
-        _save(learner, out, fingerprint)
-    if stop.is_set():
+        if saved != learner.step:
+            _save(learner, out, frames.fingerprint)
+    if learner.step < config.steps:
         raise KeyboardInterrupt
     return out
 
@@ -108,14 +121,35 @@ def usable_device(name: str) -> torch.device:
         raise ConfigError(f"device {name!r} cannot be used on this machine; cpu always can") from error
 
 
-def _make_learner(config: PretrainConfig, text: FrozenText) -> _Learner:
+def _open_frames(config: PretrainConfig, data: Path) -> _Frames:
+    size = (config.mae.height, config.mae.width)
+    train, valid = (open_split(data, split, size, config.ram_mib) for split in ("train", "test"))
+    if train is None:
+        raise ConfigError(f"--data {str(data)!r} has no training frames")
+    return _Frames(train=train, valid=valid, fingerprint=ShardDataset(data).manifest.fingerprint)
+
+
+def _make_batch(config: PretrainConfig, train: FrameDataset, text: FrozenText, step: int) -> MAEBatch:
+    numbers = batch_numbers(config.seed, step, config.batch_size, len(train))
+    rng = batch_rng(config.seed, step)
+    return make_mae_batch(rng, train.batch(numbers), text, config.objects, config.augment)
+
+
+def _make_learner(
+    config: PretrainConfig, text: FrozenText, held: tuple[int, dict[str, Any]] | None
+) -> _Learner:
     with torch.random.fork_rng([]):
         torch.manual_seed(torch_seed(config.seed, "weights"))
         mae = LanguageGroundedMAE(config.mae, config.text, text.null_text).to(config.device)
-    return _Learner(mae=mae, optimizer=make_optimizer(mae, config.optimizer))
+    learner = _Learner(mae=mae, optimizer=Optimizer(mae, config.optimizer, config.steps))
+    if held is not None:
+        learner.step, state = held
+        learner.mae.load_state_dict(state["mae"])
+        learner.optimizer.load_state_dict(state["optimizer"])
+    return learner
 
 
-def _save(learner: _Learner, out: Path, fingerprint: str) -> None:
+def _save(learner: _Learner, out: Path, fingerprint: str) -> int:
     state = {
         "mae": learner.mae.state_dict(),
         "optimizer": learner.optimizer.state_dict(),
@@ -123,30 +157,27 @@ def _save(learner: _Learner, out: Path, fingerprint: str) -> None:
     }
     learner.mae.save_pretrained(out / MODEL_FOLDER)
     save_checkpoint(out, learner.step, state)
+    return learner.step
 
 
-def _restore(learner: _Learner, out: Path, fingerprint: str) -> None:
+def _load(out: Path, fingerprint: str, device: str) -> tuple[int, dict[str, Any]] | None:
     folder = latest_checkpoint(out)
     if folder is None:
-        return
-    step, state = load_checkpoint(folder, learner.mae.device)
+        return None
+    step, state = load_checkpoint(folder, device)
     if state["data_fingerprint"] != fingerprint:
         raise ConfigError(
             f"--out {str(out)!r} was trained on another dataset than --data;"
             " use another folder, the same dataset, or --fresh to start over"
         )
-    learner.mae.load_state_dict(state["mae"])
-    learner.optimizer.load_state_dict(state["optimizer"])
-    learner.step = step
+    return step, state
 
 
 def _step(config: PretrainConfig, learner: _Learner, batches: Iterator[MAEBatch]) -> dict[str, float]:
     start = time.perf_counter()
     batch = next(batches)
     waited = time.perf_counter() - start
-    metrics = mae_update(
-        learner.mae, learner.optimizer, batch, config.optimizer, seed=config.seed, step=learner.step
-    )
+    metrics = mae_update(learner.mae, learner.optimizer, batch, seed=config.seed, step=learner.step)
     learner.step += 1
     elapsed = time.perf_counter() - start
     speed = {"perf/images_per_s": config.batch_size / elapsed, "perf/data_wait_share": waited / elapsed}
@@ -180,7 +211,7 @@ class _Watcher:
             panel = mae_panel(self._held_out, depth.numpy(), config.mae.max_depth_m)
             atomic.write_bytes(self._out / PICTURES / f"step-{step:09d}.png", encode_png(panel))
             logger.image(step, "valid/panel", panel)
-        elif step % config.log_every != 0 and step > 1:
+        elif step % config.log_every != 0 and step > 1 and not is_last:
             return
         logger.log(step, metrics)
 

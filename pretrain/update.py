@@ -10,12 +10,12 @@ import torch
 from langwm_data.seeding import derive_seed, make_rng
 from pretrain.augment import augment_frame
 from pretrain.batch import FrameBatch, MAEBatch
-from pretrain.config import AugmentConfig, ObjectMaskConfig, OptimConfig
+from pretrain.config import AugmentConfig, ObjectMaskConfig
 from pretrain.language import FrozenText
 from pretrain.losses import mae_loss
 from pretrain.mae import LanguageGroundedMAE
 from pretrain.object_masking import HiddenObjects, hide_objects
-from pretrain.optim import optimizer_step
+from pretrain.optim import Optimizer
 
 
 def make_mae_batch(
@@ -67,13 +67,7 @@ def assemble(frames: FrameBatch, hidden: list[HiddenObjects], text: FrozenText) 
 
 
 def mae_update(
-    mae: LanguageGroundedMAE,
-    optimizer: torch.optim.Optimizer,
-    batch: MAEBatch,
-    config: OptimConfig,
-    *,
-    seed: int,
-    step: int,
+    mae: LanguageGroundedMAE, optimizer: Optimizer, batch: MAEBatch, *, seed: int, step: int
 ) -> dict[str, float]:
     """Take gradient step number ``step`` on ``batch``; its metrics.
 
@@ -90,10 +84,10 @@ def mae_update(
     generator = torch.Generator().manual_seed(torch_seed(seed, "tokens", step))
     with torch.random.fork_rng(others, device_type=device.type):
         torch.manual_seed(torch_seed(seed, "dropout", step))
-        with torch.autocast(device.type, torch.bfloat16, enabled=config.precision == "bf16"):
+        with torch.autocast(device.type, torch.bfloat16, enabled=optimizer.config.precision == "bf16"):
             output = mae(batch, generator)
         loss, metrics = mae_loss(output, batch, mae.config)
-        taken = optimizer_step(loss, optimizer, config, step)
+        taken = optimizer.step(loss, step)
     return {name: value.item() for name, value in metrics.items()} | {
         f"mae/{name}": value for name, value in taken.items()
     }

@@ -14,7 +14,7 @@ from langwm_data.seeding import make_rng
 from pretrain.batch import FrameBatch
 from pretrain.language import FrozenText
 from pretrain.mae import LanguageGroundedMAE
-from pretrain.optim import make_optimizer
+from pretrain.optim import Optimizer
 from pretrain.update import mae_update, make_mae_batch
 
 
@@ -31,7 +31,7 @@ class Finetuner:
         self._text = text
         self._config = config
         self._seed = seed
-        self._optimizer = make_optimizer(mae, config.optimizer)
+        self._optimizer = Optimizer(mae, config.optimizer)
         self.num_updates = 0
 
     def update(self, frames: FrameBatch) -> Metrics:
@@ -44,14 +44,7 @@ class Finetuner:
         num_frames = min(self._config.batch_frames, len(frames))
         chosen = select_frames(frames, rng.permutation(len(frames))[:num_frames])
         batch = make_mae_batch(rng, chosen, self._text, self._config.objects, self._config.augment)
-        metrics = mae_update(
-            self._mae,
-            self._optimizer,
-            batch,
-            self._config.optimizer,
-            seed=self._seed,
-            step=self.num_updates,
-        )
+        metrics = mae_update(self._mae, self._optimizer, batch, seed=self._seed, step=self.num_updates)
         self.num_updates += 1
         return metrics
 

@@ -20,7 +20,7 @@ from agent.models.world_model import Metrics, ModelBatch, world_model_loss
 from agent.replay import ReplayBatch
 from agent.systems.langwm import Encode, LanGWM
 from pretrain.config import OptimConfig
-from pretrain.optim import make_optimizer, optimizer_step
+from pretrain.optim import Optimizer
 from pretrain.update import torch_seed
 
 
@@ -39,13 +39,12 @@ class Learner:
         self._config = config
         self._device_type = model.device.type
         behavior = config.behavior
-        self._optim = {
-            "wm": _adam(config, config.world_model.learning_rate),
-            "actor": _adam(config, behavior.actor_learning_rate),
-            "critic": _adam(config, behavior.critic_learning_rate),
+        learning = {
+            "wm": (model.world_model, config.world_model.learning_rate),
+            "actor": (model.behavior.actor, behavior.actor_learning_rate),
+            "critic": (model.behavior.critic, behavior.critic_learning_rate),
         }
-        modules = {"wm": model.world_model, "actor": model.behavior.actor, "critic": model.behavior.critic}
-        self._optimizers = {name: make_optimizer(modules[name], self._optim[name]) for name in modules}
+        self._optimizers = {n: Optimizer(module, _adam(config, lr)) for n, (module, lr) in learning.items()}
 
     def update(self, batch: ReplayBatch, index: int) -> Metrics:
         """Take update number ``index`` on ``batch``; its metrics.
@@ -103,7 +102,7 @@ class Learner:
         return metrics | self._step("actor", actor, index) | self._step("critic", critic, index)
 
     def _step(self, name: str, loss: torch.Tensor, index: int) -> Metrics:
-        taken = optimizer_step(loss, self._optimizers[name], self._optim[name], index)
+        taken = self._optimizers[name].step(loss, index)
         prefix = "wm/" if name == "wm" else f"behavior/{name}_"
         return {f"{prefix}grad_norm": taken["grad_norm"]}
 

@@ -42,6 +42,11 @@ def test_tiny_keeps_the_papers_latents():
     assert (rssm.num_latents, rssm.num_classes) == (32, 32)
 
 
+def test_schedule_that_needs_a_last_step_is_refused():
+    with pytest.raises(ConfigError, match=r"finetune.optimizer.schedule 'cosine' must be 'constant'"):
+        load_config(AgentConfig, "agent", assignments=["finetune.optimizer.schedule=cosine"])
+
+
 def test_heads_that_do_not_divide_the_width_are_refused():
     with pytest.raises(ConfigError, match=r"pooling.*30.*multiple of num_heads 4"):
         load_config(AgentConfig, "agent", assignments=["world_model.pooling.dim=30"])

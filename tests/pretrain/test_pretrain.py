@@ -17,7 +17,7 @@ from pretrain import LanguageGroundedMAE, pretrain_mae, train
 from pretrain.checkpoint import latest_checkpoint
 from pretrain.config import AugmentConfig, ObjectMaskConfig, OptimConfig, PretrainConfig, TextConfig
 from pretrain.metrics import read_metrics
-from pretrain.optim import make_optimizer
+from pretrain.optim import Optimizer, learning_rate_at
 from pretrain.update import batch_rng, mae_update, make_mae_batch
 
 
@@ -78,6 +78,43 @@ def test_a_longer_run_goes_on_from_a_finished_one(whole, pretrain_config, data_f
     assert losses(out) == losses(whole)
 
 
+def test_a_cosine_resumes_exactly_and_a_longer_run_follows_its_own_curve(
+    pretrain_config, data_folder, tmp_path
+):
+    cosine = replace(pretrain_config.optimizer, schedule="cosine", warmup_steps=1)
+    config = replace(pretrain_config, optimizer=cosine)
+
+    def kill(done, total):
+        if done == 3:
+            raise Stop
+
+    out = tmp_path / "killed"
+    with pytest.raises(Stop):
+        pretrain_mae(config, data_folder, out, progress=kill)
+    pretrain_mae(config, data_folder, out)
+    whole = pretrain_mae(config, data_folder, tmp_path / "whole")
+    assert losses(out) == losses(whole)
+    pretrain_mae(replace(config, steps=6), data_folder, out)
+    rates = [row["mae/learning_rate"] for row in read_metrics(out)]
+    lengths = [4] * 4 + [6] * 2
+    assert rates == [learning_rate_at(cosine, step, length) for step, length in enumerate(lengths)]
+
+
+def test_fewer_steps_than_were_done_change_nothing(whole, pretrain_config, data_folder):
+    before = (whole / "config.yaml").read_text()
+    pretrain_mae(replace(pretrain_config, steps=2), data_folder, whole)
+    assert (whole / "config.yaml").read_text() == before
+
+
+def test_a_step_is_saved_once(pretrain_config, data_folder, tmp_path, monkeypatch):
+    saved = []
+    monkeypatch.setattr(train, "save_checkpoint", lambda run, step, state: saved.append(step))
+    pretrain_mae(replace(pretrain_config, steps=5), data_folder, tmp_path / "run")
+    assert saved == [2, 4, 5]
+    pretrain_mae(replace(pretrain_config, steps=4), data_folder, tmp_path / "other")
+    assert saved == [2, 4, 5, 2, 4]
+
+
 def test_a_finished_run_says_so_and_does_nothing(whole, pretrain_config, data_folder, caplog):
     before = {path: path.stat().st_mtime_ns for path in (whole / "model").iterdir()}
     with caplog.at_level("INFO"):
@@ -124,8 +161,8 @@ def test_overfits_one_batch(mae_config, make_frames, text):
     model = LanguageGroundedMAE(replace(mae_config, mask_ratio=0.25), TextConfig(), text.null_text)
     batch = make_mae_batch(batch_rng(0, 0), make_frames(4), text, ObjectMaskConfig(max_objects=1), None)
     config = OptimConfig(learning_rate=3e-3, warmup_steps=10)
-    optimizer = make_optimizer(model, config)
-    found = [mae_update(model, optimizer, batch, config, seed=0, step=s) for s in range(160)]
+    optimizer = Optimizer(model, config)
+    found = [mae_update(model, optimizer, batch, seed=0, step=s) for s in range(160)]
     for name in ("mae/depth_loss", "mae/reward_loss"):  # token masks differ from step to step
         assert np.median([m[name] for m in found[-20:]]) < 0.1 * found[0][name]
 
@@ -137,7 +174,7 @@ def test_bf16_stays_close_to_fp32(mae_config, make_frames, text):
         model = LanguageGroundedMAE(mae_config, TextConfig(), text.null_text)
         config = OptimConfig(precision=precision)
         batch = make_mae_batch(batch_rng(0, 0), make_frames(4), text, ObjectMaskConfig(), None)
-        found.append(mae_update(model, make_optimizer(model, config), batch, config, seed=0, step=0))
+        found.append(mae_update(model, Optimizer(model, config), batch, seed=0, step=0))
     assert found[0]["mae/depth_loss"] == pytest.approx(found[1]["mae/depth_loss"], rel=0.03)
 
 
@@ -168,8 +205,11 @@ def test_another_configuration_in_the_same_place_is_refused(whole, pretrain_conf
 
 def test_another_dataset_in_the_same_place_is_refused(whole, pretrain_config, make_dataset, tmp_path):
     other = make_dataset(tmp_path / "data", fingerprint="b")
+    before = (whole / "config.yaml").read_text()
     with pytest.raises(ConfigError, match="was trained on another dataset than --data"):
-        pretrain_mae(pretrain_config, other, whole)
+        pretrain_mae(replace(pretrain_config, steps=9), other, whole)
+    assert (whole / "config.yaml").read_text() == before
+    pretrain_mae(pretrain_config, other, whole, fresh=True)
 
 
 def test_wrong_requests_leave_the_place_untouched(pretrain_config, data_folder, make_dataset, tmp_path):
@@ -193,9 +233,10 @@ def test_wrong_requests_leave_the_place_untouched(pretrain_config, data_folder, 
 def test_dataset_without_test_frames_trains_unwatched(pretrain_config, make_dataset, tmp_path, caplog):
     data = make_dataset(tmp_path / "data", num_train=5, num_test=0)
     with caplog.at_level("INFO"):
-        out = pretrain_mae(replace(pretrain_config, steps=1), data, tmp_path / "run")
+        out = pretrain_mae(replace(pretrain_config, steps=3, log_every=2), data, tmp_path / "run")
     assert "training goes unwatched" in caplog.text
     assert "valid/depth_error_m" not in read_metrics(out)[-1]
+    assert [row["step"] for row in read_metrics(out)] == [1, 2, 3]
 
 
 def test_import_of_the_package_is_light():
