@@ -31,6 +31,8 @@ def import_pybullet() -> ModuleType:
     Raises:
         ValueError: If it is not installed, which it cannot be on Python 3.12 and later.
     """
+    if (module := sys.modules.get("pybullet")) is not None:
+        return module
     try:
         with quiet():
             import pybullet
@@ -40,3 +42,20 @@ def import_pybullet() -> ModuleType:
             f"this needs the package pybullet, which has wheels up to Python 3.11; this is Python {version}"
         ) from error
     return pybullet
+
+
+@contextmanager
+def connected() -> Iterator[int]:
+    """A physics client, freed at the end."""
+    client = connect()
+    try:
+        yield client
+    finally:
+        import_pybullet().disconnect(client)
+
+
+def connect() -> int:
+    """A new client without a window. It takes some 30 MiB until ``disconnect``."""
+    bullet = import_pybullet()
+    with quiet():
+        return bullet.connect(bullet.DIRECT)

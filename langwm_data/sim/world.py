@@ -4,6 +4,7 @@ PyBullet answers how far the robot is from each obstacle; the motion itself is k
 depends on the scene, the reset and the actions only.
 """
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from functools import lru_cache
@@ -51,11 +52,12 @@ class World:
     """One scene with one robot in it."""
 
     def __init__(self, scene: SceneSpec, robot: RobotConfig, physics_hz: int = 240) -> None:
-        floors = {s.instance for s in scene.surfaces if s.kind != "wall"}
+        flat = {s.instance for s in scene.surfaces if s.kind != "wall"}
         self._robot = robot
         self._physics_hz = physics_hz
-        self._solids = Solids(scene, keep=lambda instance: instance not in floors)
-        self._body = self._add_robot()
+        self._solids = Solids(scene, keep=lambda instance: instance not in flat)
+        # The part of the robot above what it drives over.
+        self._body = self._solids.cylinder(robot.radius_m, robot.height_m - robot.clearance_m)
         self._xy: NDArray[np.float64] = np.zeros(2)
         self._yaw = 0.0
 
@@ -75,7 +77,8 @@ class World:
         num = max(1, round(dt * self._physics_hz))
         duration = dt / num
         # What is out of reach for the whole step need not be asked about in each substep.
-        nearby = self._nearby(self._xy, abs(linear_m_s) * dt + 2 * SKIN_M)
+        reach = abs(linear_m_s) * dt + 2 * SKIN_M
+        nearby = [n for n in self._nearby(self._xy, reach) if self._gaps(self._xy, [n], reach)]
         is_collision, linear = False, linear_m_s
         for _ in range(num):
             middle = self._yaw + 0.5 * angular_rad_s * duration
@@ -96,37 +99,25 @@ class World:
         """Free the simulator; a second call does nothing."""
         self._solids.close()
 
-    def _add_robot(self) -> int:
-        robot, bullet, client = self._robot, self._solids.bullet, self._solids.client
-        shape = bullet.createCollisionShape(
-            bullet.GEOM_CYLINDER,
-            radius=robot.radius_m,
-            height=robot.height_m - robot.clearance_m,
-            physicsClientId=client,
-        )
-        return bullet.createMultiBody(baseMass=0, baseCollisionShapeIndex=shape, physicsClientId=client)
-
     def _nearby(self, xy: NDArray[np.float64], reach_m: float) -> list[int]:
-        """Bodies that the robot at ``xy`` may touch when it moves by ``reach_m``."""
+        """Numbers of the solids that the robot at ``xy`` may touch when it moves by ``reach_m``."""
         around = self._robot.radius_m + reach_m
         low = (xy[0] - around, xy[1] - around, self._robot.clearance_m)
         high = (xy[0] + around, xy[1] + around, self._robot.height_m)
-        return self._solids.bodies[self._solids.near(low, high)].tolist()
+        return self._solids.near(low, high).tolist()
 
-    def _gaps(self, xy: NDArray[np.float64], bodies: list[int], within_m: float) -> list[Gap]:
-        middle = 0.5 * (self._robot.clearance_m + self._robot.height_m)
-        self._solids.bullet.resetBasePositionAndOrientation(
-            self._body, (xy[0], xy[1], middle), (0, 0, 0, 1), physicsClientId=self._solids.client
-        )
-        gaps = (self._solids.gap(self._body, body, within_m) for body in bodies)
+    def _gaps(self, xy: NDArray[np.float64], nearby: list[int], within_m: float) -> list[Gap]:
+        middle = (xy[0], xy[1], 0.5 * (self._robot.clearance_m + self._robot.height_m))
+        body = dataclasses.replace(self._body, position=middle)
+        gaps = (self._solids.gap_from(body, number, within_m) for number in nearby)
         return [gap for gap in gaps if gap is not None]
 
     def _advance(self, wanted: NDArray[np.float64], nearby: list[int]) -> tuple[NDArray[np.float64], bool]:
         """Move by ``wanted``, or by what obstacles leave of it; also whether one is touched."""
-        if not nearby:
+        gaps = self._gaps(self._xy, nearby, math.hypot(*wanted) + 2 * SKIN_M) if nearby else ()
+        if not gaps:
             self._xy = self._xy + wanted
             return wanted, False
-        gaps = self._gaps(self._xy, nearby, float(np.linalg.norm(wanted)) + 2 * SKIN_M)
         normals = np.array([gap.normal[:2] for gap in gaps]).reshape(-1, 2)
         room = np.array([gap.distance - SKIN_M for gap in gaps])
         moved = slide(wanted, normals, room)
@@ -153,6 +144,8 @@ def slide(
         room: (N,), how far the robot may go against each normal, metres; may be a little negative.
     """
     room = np.maximum(room, 0.0)
+    if (-(normals @ wanted) <= room).all():
+        return wanted
     moved = wanted.copy()
     # Two rounds settle a corner; what still does not fit is a wedge, where the robot stops.
     for _ in range(2):

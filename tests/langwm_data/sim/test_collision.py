@@ -7,7 +7,11 @@ import numpy as np
 import pytest
 
 from langwm_data.scenes.spec import IDENTITY, ObjectSpec, PartSpec
+from langwm_data.sim.bullet import import_pybullet
 from langwm_data.sim.collision import Solids
+from langwm_data.sim.mesh import part_mesh
+
+SHAPES = ("box", "cylinder", "ellipsoid", "frustum")
 
 
 def make_object(instance, position, part, orientation=IDENTITY):
@@ -42,17 +46,63 @@ def solids(small_scene):
         each.close()
 
 
-@pytest.mark.parametrize("shape", ["box", "cylinder", "ellipsoid", "frustum"])
+@pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("apart", [0.3, 0.01, -0.02])
 def test_gap_is_the_distance_along_the_line_of_centres(solids, shape, apart):
     two = solids(
         make_object(1, (0.0, 0.0, 0.0), make_part(shape)),
         make_object(2, (0.4 + apart, 0.0, 0.0), make_part("box")),
     )
-    gap = two.gap(*two.bodies.tolist(), 1.0)
+    gap = two.gap(0, 1, 1.0)
     # Round hulls lie inside the true shape by up to the chord error of their mesh.
     assert gap.distance == pytest.approx(apart, abs=0.004)
     assert gap.normal == pytest.approx((-1.0, 0.0, 0.0), abs=0.02)
+
+
+@pytest.mark.parametrize("first", SHAPES)
+@pytest.mark.parametrize("second", SHAPES)
+def test_normal_points_from_the_second_to_the_first_whatever_the_shapes(solids, first, second):
+    two = solids(
+        make_object(1, (0.1, 0.0, 0.0), make_part(first)),
+        make_object(2, (0.1, 0.5, 0.0), make_part(second)),
+    )
+    assert two.gap(0, 1, 1.0).normal == pytest.approx((0.0, -1.0, 0.0), abs=0.08)
+    assert two.gap(1, 0, 1.0).normal == pytest.approx((0.0, 1.0, 0.0), abs=0.08)
+
+
+def test_a_cylinder_from_outside_the_scene_is_asked_about_where_it_stands(solids):
+    one = solids(make_object(1, (1.0, 0.0, 0.0), make_part()))
+    moved = dataclasses.replace(one.cylinder(0.1, 0.4), position=(0.5, 0.0, 0.0))
+    gap = one.gap_from(moved, 0, 1.0)
+    assert gap.distance == pytest.approx(0.2, abs=1e-6)
+    assert gap.normal == pytest.approx((-1.0, 0.0, 0.0), abs=1e-6)
+
+
+def test_bounds_hold_the_mesh_of_every_shape(solids):
+    tilt = (math.sin(0.3), 0.0, 0.0, math.cos(0.3))
+    for shape in SHAPES:
+        part = make_part(shape, (0.3, 0.2, 0.5), orientation=tilt)
+        low, high = solids(make_object(1, (1.0, 2.0, 0.5), part, tilt)).bounds[0]
+        vertices = part_mesh(part).transformed((1.0, 2.0, 0.5), tilt).vertices
+        assert (vertices >= low - 1e-9).all()
+        assert (vertices <= high + 1e-9).all()
+
+
+def test_all_solids_share_one_client_that_ends_with_the_last(small_scene):
+    bullet = import_pybullet()
+
+    def connected():
+        return {c for c in range(20) if bullet.isConnected(c)}
+
+    before = connected()
+    first, second = Solids(small_scene), Solids(small_scene)
+    during = connected()
+    first.close()
+    first.close()
+    assert second.gap(0, 1, 10.0) is not None
+    second.close()
+    assert len(during) <= len(before) + 1
+    assert connected() == before
 
 
 def test_turned_box_reaches_further(solids):
@@ -60,7 +110,7 @@ def test_turned_box_reaches_further(solids):
     two = solids(
         make_object(1, (0.0, 0.0, 0.0), make_part(), eighth), make_object(2, (1.0, 0.0, 0.0), make_part())
     )
-    assert two.gap(*two.bodies.tolist(), 1.0).distance == pytest.approx(0.8 - 0.2 * math.sqrt(2), abs=1e-3)
+    assert two.gap(0, 1, 1.0).distance == pytest.approx(0.8 - 0.2 * math.sqrt(2), abs=1e-3)
 
 
 def test_parts_stand_where_owner_and_part_poses_put_them(solids):
@@ -72,7 +122,7 @@ def test_parts_stand_where_owner_and_part_poses_put_them(solids):
 
 def test_distant_bodies_have_no_gap_and_are_no_neighbours(solids):
     two = solids(make_object(1, (0.0, 0.0, 0.0), make_part()), make_object(2, (1.0, 0.0, 0.0), make_part()))
-    assert two.gap(*two.bodies.tolist(), 0.5) is None
+    assert two.gap(0, 1, 0.5) is None
     assert list(two.iter_neighbours(0.5)) == []
     assert [(i, j) for i, j, _ in two.iter_neighbours(0.7)] == [(0, 1)]
 
