@@ -7,10 +7,12 @@ import math
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from langwm_data.scenes.geometry import quat_matrix
 from langwm_data.scenes.spec import IDENTITY, PartSpec, Quat, SceneSpec, Vec3
 
 MAX_CHORD_ERROR_M = 0.003
@@ -33,15 +35,26 @@ class Mesh:
     """(V, 2), metres along the surface: u to the right, v upwards, seen from outside; may be negative."""
     triangles: Ints
     """(T, 3), indices of vertices."""
+    faces: Ints
+    """(V,), from 0: the flat or smoothly curved face that a vertex belongs to. Each face is convex."""
+
+    @property
+    def num_faces(self) -> int:
+        """How many faces there are."""
+        return int(self.faces[-1]) + 1
 
     def transformed(self, position: Vec3, orientation: Quat) -> "Mesh":
         """The mesh moved rigidly; texture coordinates go along with it."""
-        rotation = rotation_matrix(orientation)
+        vertices, normals = self.vertices, self.normals
+        if orientation != IDENTITY:
+            rotation = quat_matrix(orientation)
+            vertices, normals = vertices @ rotation.T, normals @ rotation.T
         return Mesh(
-            vertices=self.vertices @ rotation.T + position,
-            normals=self.normals @ rotation.T,
+            vertices=vertices + np.asarray(position),
+            normals=normals,
             uvs=self.uvs,
             triangles=self.triangles,
+            faces=self.faces,
         )
 
 
@@ -74,7 +87,7 @@ def part_mesh(part: PartSpec, *, along_grain: bool = False) -> Mesh:
     """
     if part.shape == "box":
         # The part's place in its owner sets the phase, so that textures run on across coplanar pieces.
-        offset = rotation_matrix(part.orientation).T @ np.asarray(part.position)
+        offset = quat_matrix(part.orientation).T @ np.asarray(part.position)
         mesh = _box(part.size, offset, along_grain=along_grain)
     elif part.shape == "ellipsoid":
         mesh = _ellipsoid(part.size)
@@ -85,30 +98,20 @@ def part_mesh(part: PartSpec, *, along_grain: bool = False) -> Mesh:
 
 
 def concatenate(meshes: Sequence[Mesh]) -> Mesh:
-    """Several meshes as one."""
-    starts = np.cumsum([0, *(len(m.vertices) for m in meshes[:-1])])
+    """Several meshes as one; vertices and faces keep their order and are numbered on."""
+    vertex = np.cumsum([0, *(len(m.vertices) for m in meshes[:-1])])
+    face = np.cumsum([0, *(m.num_faces for m in meshes[:-1])])
     return Mesh(
         vertices=np.concatenate([m.vertices for m in meshes]),
         normals=np.concatenate([m.normals for m in meshes]),
         uvs=np.concatenate([m.uvs for m in meshes]),
-        triangles=np.concatenate(
-            [m.triangles + s for m, s in zip(meshes, starts, strict=True)], dtype=np.int32
-        ),
+        triangles=_numbered_on([m.triangles for m in meshes], vertex),
+        faces=_numbered_on([m.faces for m in meshes], face),
     )
 
 
-def rotation_matrix(orientation: Quat) -> Floats:
-    """3x3 rotation of a unit quaternion x, y, z, w."""
-    if orientation == IDENTITY:
-        return np.eye(3)
-    x, y, z, w = np.asarray(orientation) / np.linalg.norm(orientation)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+def _numbered_on(indices: list[Ints], starts: Ints) -> Ints:
+    return np.concatenate([i + s for i, s in zip(indices, starts, strict=True)], dtype=np.int32)
 
 
 # For each face of a box: its normal, and the directions of u and v seen from outside.
@@ -125,24 +128,27 @@ _FACES = np.array(
 )
 _CORNERS = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 _QUAD = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
+_UNIT_BOX = (_FACES[:, None, 0] / 2 + np.einsum("cd,fdk->fck", _CORNERS, _FACES[:, 1:])).reshape(24, 3)
+_BOX_NORMALS = np.repeat(_FACES[:, 0], 4, axis=0)
+_BOX_TRIANGLES = np.concatenate([_QUAD + 4 * i for i in range(6)], dtype=np.int32)
+_BOX_FACES = np.repeat(np.arange(6, dtype=np.int32), 4)
 
 
 def _box(size: Vec3, offset: Floats, *, along_grain: bool) -> Mesh:
     extent = np.asarray(size)
-    vertices, normals, uvs, triangles = [], [], [], []
-    for i, (normal, u, v) in enumerate(_FACES):
-        corners = (normal / 2 + _CORNERS[:, :1] * u + _CORNERS[:, 1:] * v) * extent
-        if along_grain and abs(v) @ extent > abs(u) @ extent:
-            u, v = v, -u
-        vertices.append(corners)
-        normals.append(np.tile(normal, (4, 1)))
-        uvs.append((corners + offset) @ np.stack([u, v], axis=1))
-        triangles.append(_QUAD + 4 * i)
+    vertices = _UNIT_BOX * extent
+    axes = _FACES[:, 1:]
+    if along_grain:
+        length = np.abs(axes) @ extent
+        turned = np.stack([axes[:, 1], -axes[:, 0]], axis=1)
+        axes = np.where((length[:, 1] > length[:, 0])[:, None, None], turned, axes)
+    uvs = np.einsum("fck,fdk->fcd", (vertices + offset).reshape(6, 4, 3), axes)
     return Mesh(
-        vertices=np.concatenate(vertices),
-        normals=np.concatenate(normals),
-        uvs=np.concatenate(uvs),
-        triangles=np.concatenate(triangles, dtype=np.int32),
+        vertices=vertices,
+        normals=_BOX_NORMALS,
+        uvs=uvs.reshape(24, 2),
+        triangles=_BOX_TRIANGLES,
+        faces=_BOX_FACES,
     )
 
 
@@ -168,6 +174,7 @@ def _grid_triangles(rows: int, columns: int) -> Ints:
     return np.concatenate([np.stack([a, a + 1, d + 1], 1), np.stack([a, d + 1, d], 1)]).astype(np.int32)
 
 
+@lru_cache(maxsize=4096)
 def _frustum(size: Vec3, taper: float, *, along_grain: bool) -> Mesh:
     half, height = np.asarray(size[:2]) / 2, size[2]
     num = _num_segments(float(half.max()) * max(1.0, taper))
@@ -187,6 +194,7 @@ def _frustum(size: Vec3, taper: float, *, along_grain: bool) -> Mesh:
         normals=np.tile(normal, (2, 1)),
         uvs=flat,
         triangles=_grid_triangles(1, num),
+        faces=np.zeros(2 * num + 2, np.int32),
     )
     caps = [_cap(ring * half, -height / 2, up=False)]
     if taper > 0:
@@ -203,9 +211,11 @@ def _cap(ring: Floats, z: float, *, up: bool) -> Mesh:
         normals=np.tile([0.0, 0.0, 1.0 if up else -1.0], (num, 1)),
         uvs=points * ([1, 1] if up else [1, -1]),
         triangles=fan if up else fan[:, ::-1].copy(),
+        faces=np.zeros(num, np.int32),
     )
 
 
+@lru_cache(maxsize=4096)
 def _ellipsoid(size: Vec3) -> Mesh:
     half = np.asarray(size) / 2
     columns = _num_segments(float(half.max()))
@@ -225,4 +235,5 @@ def _ellipsoid(size: Vec3) -> Mesh:
         normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
         uvs=uvs,
         triangles=_grid_triangles(rows, columns),
+        faces=np.zeros(len(uvs), np.int32),
     )

@@ -4,10 +4,10 @@ import dataclasses
 
 import numpy as np
 
+from langwm_data.scenes.geometry import quat_matrix
 from langwm_data.scenes.spec import ObjectSpec, Quat, SceneSpec, Vec3
 from langwm_data.sim.collision import Solids
 from langwm_data.sim.drop import drop
-from langwm_data.sim.mesh import rotation_matrix
 
 MAX_TILT_RAD = 0.2
 MAX_DROP_M = 0.1
@@ -71,7 +71,7 @@ def _describe(scene: SceneSpec, instance: int) -> str:
 
 
 def _check_landing(scene: SceneSpec, obj: ObjectSpec, position: Vec3, orientation: Quat) -> None:
-    up_before, up_after = (rotation_matrix(q)[:, 2] for q in (obj.orientation, orientation))
+    up_before, up_after = (quat_matrix(q)[:, 2] for q in (obj.orientation, orientation))
     tilt = float(np.arccos(np.clip(up_before @ up_after, -1, 1)))
     name = f"scene {scene.name!r}: {_describe(scene, obj.instance)}"
     if tilt > MAX_TILT_RAD:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from langwm_data.scenes.spec import PartSpec
-from langwm_data.sim.mesh import Mesh, part_mesh, rotation_matrix, scene_groups
+from langwm_data.sim.mesh import Mesh, part_mesh, scene_groups
 
 TURNED = (0.1, -0.3, 0.5, math.sqrt(1 - 0.35))
 SHAPES = ["box", "cylinder", "ellipsoid", "frustum"]
@@ -107,10 +107,19 @@ def test_texture_runs_on_across_coplanar_pieces():
         np.testing.assert_allclose(mesh.uvs[front], mesh.vertices[front][:, [0, 2]])
 
 
-def test_rotation_matrix_agrees_with_scipy():
-    from scipy.spatial.transform import Rotation
-
-    np.testing.assert_allclose(rotation_matrix(TURNED), Rotation.from_quat(TURNED).as_matrix(), atol=1e-12)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_faces_are_convex_and_numbered_from_zero(shape):
+    mesh = part_mesh(make_part(shape))
+    assert np.unique(mesh.faces).tolist() == list(range(mesh.num_faces))
+    assert mesh.num_faces == {"box": 6, "cylinder": 3, "frustum": 3, "ellipsoid": 1}[shape]
+    for face in range(mesh.num_faces):
+        own = mesh.triangles[(mesh.faces[mesh.triangles] == face).all(axis=1)]
+        a, b, c = np.moveaxis(mesh.vertices[own], 1, 0)
+        # No vertex of the face lies outside of the plane of any of its triangles.
+        height = np.einsum(
+            "tj,tvj->tv", np.cross(b - a, c - a), mesh.vertices[mesh.faces == face] - a[:, None]
+        )
+        assert height.max() < 1e-9
 
 
 def test_groups_hold_every_instance_and_slot_once(small_scene):
