@@ -24,11 +24,12 @@ from langwm_data import atomic
 from langwm_data.config import DatasetConfig
 from langwm_data.config_io import ConfigError, claim_output, config, load_config
 from langwm_data.pipeline import render_dataset
+from langwm_data.png import encode_png
 from pretrain.config import PretrainConfig
 from pretrain.dataset import open_split
 from pretrain.language import FrozenText
 from pretrain.mae import LanguageGroundedMAE
-from pretrain.pictures import depth_to_rgb, encode_png, hide_pixels
+from pretrain.pictures import depth_to_rgb, hide_pixels
 from pretrain.probe import DepthPrior, ProbeScene, make_probe_scene, predict_with_captions, probe_grounding
 from pretrain.train import pretrain_mae
 

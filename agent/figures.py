@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import matplotlib as mpl
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
@@ -34,13 +33,6 @@ class Walk:
     positions: Float[np.ndarray, "T 2"]
     goal: tuple[float, float]
     is_success: bool
-
-
-def image_address(rgb: UInt8[np.ndarray, "H W 3"]) -> str:
-    """An image as a PNG ``data:`` address."""
-    is_written, data = cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
-    assert is_written
-    return "data:image/png;base64," + base64.b64encode(data.tobytes()).decode()
 
 
 def curve_figure(panels: Mapping[str, Sequence[Curve]], x_label: str) -> str:

@@ -18,9 +18,10 @@ import pyarrow.parquet as pq
 
 from agent.evaluate import AGENT as AGENT_ROW
 from agent.evaluate import EVAL_FOLDER, Row, Score, read_rows, summarise
-from agent.figures import Curve, Walk, curve_figure, image_address, map_figure
+from agent.figures import Curve, Walk, curve_figure, map_figure
 from agent.statistics import Interval, bootstrap_interval, paired_bootstrap_interval
 from langwm_data import atomic
+from langwm_data.png import image_address
 from langwm_data.scenes.navigation import floor_plan
 from langwm_data.scenes.spec import SceneSpec
 from langwm_data.seeding import make_rng

@@ -155,10 +155,15 @@ def _assemble(
             "split": plan.split,
             "palette": [str(material) for material in scene.palette],
             "camera": describe_camera(camera),
-            "objects": [dataclasses.asdict(label) for label in labels],
+            "objects": [describe_object(label) for label in labels],
         },
         caption=largest.captions[0].text if largest else "",
     )
+
+
+def describe_object(label: ObjectLabel) -> dict[str, Any]:
+    """A label as it stands in a sample's JSON; ``dataclasses.asdict`` takes ten times as long."""
+    return {**vars(label), "captions": [{**vars(caption)} for caption in label.captions]}
 
 
 def describe_camera(camera: Camera) -> dict[str, Any]:

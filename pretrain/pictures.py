@@ -94,13 +94,6 @@ def probe_panel(
     return make_panel(("masked input", *depth_of, "true depth"), rows, lines)
 
 
-def encode_png(rgb: RGB) -> bytes:
-    """PNG bytes of an image."""
-    done, data = cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
-    assert done
-    return data.tobytes()
-
-
 def _label(text: str, width: int) -> RGB:
     line = np.full((_HEADER, width, 3), _WHITE, dtype=np.uint8)
     cv2.putText(line, text, (2, 13), cv2.FONT_HERSHEY_SIMPLEX, 0.38, (0, 0, 0), 1, cv2.LINE_AA)

@@ -14,6 +14,7 @@ import torch
 
 from langwm_data import atomic
 from langwm_data.config_io import ConfigError, claim_output
+from langwm_data.png import encode_png
 from langwm_data.shards.dataset import ShardDataset
 from pretrain.batch import MAEBatch
 from pretrain.checkpoint import latest_checkpoint, load_checkpoint, save_checkpoint
@@ -25,7 +26,7 @@ from pretrain.mae import LanguageGroundedMAE
 from pretrain.metrics import MetricsLogger
 from pretrain.model_file import MODEL_FOLDER
 from pretrain.optim import Optimizer
-from pretrain.pictures import encode_png, mae_panel
+from pretrain.pictures import mae_panel
 from pretrain.update import batch_rng, mae_update, make_mae_batch, torch_seed
 from pretrain.validation import make_validation_batch, validate
 

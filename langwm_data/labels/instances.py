@@ -8,9 +8,9 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from langwm_data.config import LabelsConfig
 from langwm_data.labels.captions import Caption, direction, sample_caption
@@ -69,11 +69,10 @@ def label_frame(
     """
     assert instance.shape == depth.shape, (instance.shape, depth.shape)
     width = instance.shape[1]
+    reached = np.minimum(depth, config.max_depth_m)
     labels = []
-    for number, box in enumerate(ndimage.find_objects(instance.astype(np.int32)), start=1):
-        if box is None:
-            continue
-        label = _measure(number, table[number], box, instance, depth, config.max_depth_m)
+    for number in _visible(instance):
+        label = _measure(instance, reached, number, table[number])
         if is_eligible(label, instance.size, config):
             caption = sample_caption(
                 rng,
@@ -88,29 +87,35 @@ def label_frame(
     return labels
 
 
+def _visible(instance: NDArray[np.uint16]) -> list[int]:
+    """Ids in the mask, ascending, without the background."""
+    is_seen = np.zeros(int(instance.max()) + 1, bool)
+    is_seen[instance] = True
+    is_seen[0] = False
+    return np.flatnonzero(is_seen).tolist()
+
+
 def _measure(
-    number: int,
-    name: tuple[str, str],
-    box: tuple[slice, slice],
-    instance: NDArray[np.uint16],
-    depth: NDArray[np.float32],
-    max_depth_m: float,
+    instance: NDArray[np.uint16], depth: NDArray[np.float32], number: int, name: tuple[str, str]
 ) -> ObjectLabel:
-    rows, columns = box
-    mask = instance[box] == number
-    y, x = np.nonzero(mask)
-    center_x, center_y = columns.start + float(x.mean()) + 0.5, rows.start + float(y.mean()) + 0.5
-    valid = depth[box][mask & (depth[box] > 0)].astype(np.float64)
-    width = instance.shape[1]
+    """The label of one instance, without captions; ``depth`` is clipped."""
+    mask = cv2.inRange(instance, number, number)  # pyright: ignore[reportCallIssue, reportArgumentType]
+    x, y, width, height = cv2.boundingRect(mask)
+    inside = slice(y, y + height), slice(x, x + width)
+    mask, depth = mask[inside], depth[inside]
+    moments = cv2.moments(mask, binaryImage=True)
+    area = moments["m00"]
+    center_x, center_y = x + moments["m10"] / area + 0.5, y + moments["m01"] / area + 0.5
+    mask[depth <= 0] = 0
     return ObjectLabel(
         instance=number,
         category=name[0],
         model=name[1],
-        bbox_xyxy=(float(columns.start), float(rows.start), float(columns.stop), float(rows.stop)),
+        bbox_xyxy=(float(x), float(y), float(x + width), float(y + height)),
         center_px=(center_x, center_y),
-        area_px=len(x),
-        distance_m=float(np.minimum(valid, max_depth_m).mean()) if len(valid) else 0.0,
-        direction_rule1=direction(center_x, width, 1),
-        direction_rule2=direction(center_x, width, 2),
+        area_px=int(area),
+        distance_m=cv2.mean(depth, mask)[0],
+        direction_rule1=direction(center_x, instance.shape[1], 1),
+        direction_rule2=direction(center_x, instance.shape[1], 2),
         captions=(),
     )

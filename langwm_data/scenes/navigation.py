@@ -56,6 +56,7 @@ class FreeSpace:
         self.radius_m = radius_m
         # Somewhere in these cells the robot can stand, though not at their middle.
         self._tight = (clearance >= radius_m - resolution_m / np.sqrt(2)) & ~free
+        self._cells = np.argwhere(self.grid)
         self._obstacles = obstacles
         self._bounds = np.array([[*p.min(axis=0), *p.max(axis=0)] for p in obstacles]).reshape(-1, 4)
         self._graph = move_graph(self.grid)
@@ -114,9 +115,9 @@ class FreeSpace:
 
     def sample(self, rng: np.random.Generator) -> Array:
         """A point (2,) where the robot can stand, uniform over all of them."""
-        cells = np.argwhere(self.grid)
         while True:
-            xy = self.center(cells[rng.integers(len(cells))]) + rng.uniform(-0.5, 0.5, 2) * self.resolution_m
+            cell = self._cells[rng.integers(len(self._cells))]
+            xy = self.center(cell) + rng.uniform(-0.5, 0.5, 2) * self.resolution_m
             if self.is_free(xy):
                 return xy
 
@@ -145,7 +146,7 @@ class FreeSpace:
             )
         at = (goal - self.origin) / self.resolution_m
         seen = in_sight(self.grid, at)
-        cells = np.argwhere(self.grid)
+        cells = self._cells
         near = np.flatnonzero(seen[self.grid])
         # A length of zero would read as no move at all.
         straight = np.maximum(np.linalg.norm(cells[near] + 0.5 - at, axis=1), 1e-9)

@@ -1,6 +1,5 @@
 """A page to look at a dataset with: colour, instances, depth and captions of some frames, in one file."""
 
-import base64
 import colorsys
 from importlib import resources
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from langwm_data import atomic
+from langwm_data.png import image_address
 from langwm_data.scenes.taxonomy import is_structure, phrase
 from langwm_data.shards.dataset import ShardDataset
 from langwm_data.shards.sample import Sample
@@ -108,9 +108,9 @@ def _describe(sample: Sample, depth_max_m: float) -> dict[str, Any]:
     return {
         "key": sample.key,
         "split": sample.meta["split"],
-        "rgb": _data_uri(sample.rgb),
-        "masks": _data_uri(draw_instances(sample)),
-        "depth": _data_uri(draw_depth(sample.depth, depth_max_m)),
+        "rgb": image_address(sample.rgb),
+        "masks": image_address(draw_instances(sample)),
+        "depth": image_address(draw_depth(sample.depth, depth_max_m)),
         "depth_max": f"{sample.depth.max():.1f} m",
         "objects": sorted(objects, key=lambda obj: obj["x"]),
     }
@@ -161,9 +161,3 @@ def _ramp() -> list[str]:
     gray = np.linspace(0, 255, _RAMP_STOPS).round().astype(np.uint8)
     colors = cv2.applyColorMap(gray, cv2.COLORMAP_VIRIDIS).reshape(-1, 3)
     return [f"rgb({r},{g},{b})" for b, g, r in colors.tolist()]
-
-
-def _data_uri(rgb: NDArray[np.uint8]) -> str:
-    done, data = cv2.imencode(".png", rgb[..., ::-1])
-    assert done
-    return "data:image/png;base64," + base64.b64encode(data.tobytes()).decode()
