@@ -87,7 +87,7 @@ class PoolingConfig:
     num_layers: PositiveInt = 2
     """Of the encoder and of the decoder."""
     norm_eps: Positive = 1e-6
-    dropout: Fraction = 0.1
+    dropout: Annotated[float, Field(ge=0, lt=1)] = 0.1
 
     def __post_init__(self) -> None:
         """Refuse heads that do not divide the width."""
@@ -125,6 +125,9 @@ class TaskConfig:
     units: PositiveInt = 256
     scale: tuple[Positive, ...] = (5.0, math.pi, 0.5, math.pi / 2)
     """Divides the entries of the task observation: metres, radians, m/s, rad/s. Source: ours."""
+    skips_pooling: bool = False
+    """Hand the task token to the memory also beside the average, of which it is one part in 82.
+    Source: ours (ADR-0009)."""
 
 
 @config
@@ -134,7 +137,7 @@ class LossScales:
     token: NonNegative = 1.0
     """Image tokens from the state. Source: Eq. 5; method notes, decision 17."""
     pool: NonNegative = 1.0
-    """Image tokens from the average token. Source: Table 3 (decoder input); decision 16."""
+    """Image tokens from the embedding. Source: Table 3 (decoder input); decision 16."""
     task: NonNegative = 100.0
     """Task observation from the state. At 1 the KL term would pay more for these four numbers than
     their reconstruction returns; 100 keeps them to a tenth of their scale. Source: ours."""

@@ -16,7 +16,8 @@ def symlog(x: Tensor) -> Tensor:
 
 def masked_mean(x: Tensor, mask: Bool[Tensor, "..."]) -> Float[Tensor, ""]:
     """Mean of ``x`` where ``mask`` is true; 0 where nothing is."""
-    return (x * mask).sum() / mask.sum().clamp(min=1)
+    weight = mask.to(x.dtype)
+    return (x * weight).sum() / weight.sum().clamp(min=1)
 
 
 def mae_loss(

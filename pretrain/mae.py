@@ -35,8 +35,6 @@ class MAEOutput:
     """In units of ``MAEConfig.max_depth_m``."""
     reward: Float[Tensor, " B"]
     """In the units of ``MAEConfig.reward_loss``."""
-    is_token_masked: Bool[Tensor, "B N"]
-    """True = removed before the encoder."""
 
 
 def random_masking(
@@ -56,7 +54,8 @@ def random_masking(
 
 
 def _take(tokens: Float[Tensor, "B N D"], ids: Int[Tensor, "B M"]) -> Float[Tensor, "B M D"]:
-    return tokens.gather(1, ids[..., None].expand(-1, -1, tokens.shape[-1]))
+    first = tokens.shape[1] * torch.arange(len(ids), device=ids.device)[:, None]
+    return tokens.flatten(0, 1).index_select(0, (first + ids).flatten()).unflatten(0, ids.shape)
 
 
 class EarlyConvolutions(nn.Sequential):
@@ -68,7 +67,7 @@ class EarlyConvolutions(nn.Sequential):
     def __init__(self, channels: Sequence[int], dim: int) -> None:
         layers: list[nn.Module] = []
         for before, after in zip((3, *channels[:-1]), channels, strict=True):
-            layers += [nn.Conv2d(before, after, kernel_size=4, stride=2, padding=1), nn.ELU()]
+            layers += [nn.Conv2d(before, after, kernel_size=4, stride=2, padding=1), nn.ELU(inplace=True)]
         super().__init__(*layers, nn.Conv2d(channels[-1], dim, kernel_size=1))
 
 
@@ -114,8 +113,8 @@ class LanguageGroundedMAE(nn.Module):
         rows, columns = (torch.tensor([size]) for size in config.grid)
         self._constant("patch_position", grid_positions(config.grid, dim))
         self._constant("reward_position", sincos_2d(rows, columns, dim))
-        self._constant("pixel_mean", 255 * torch.tensor(IMAGENET_MEAN)[:, None, None])
-        self._constant("pixel_std", 255 * torch.tensor(IMAGENET_STD)[:, None, None])
+        self._constant("pixel_mean", 255 * torch.tensor(IMAGENET_MEAN).repeat(config.width))
+        self._constant("pixel_std", 255 * torch.tensor(IMAGENET_STD).repeat(config.width))
         self.register_buffer("null_embed", null_text.embed[:1].float().clone())
         self.register_buffer("null_attend", null_text.attend[:1].clone())
 
@@ -141,13 +140,13 @@ class LanguageGroundedMAE(nn.Module):
 
         Source: Eq. 3 (rows 1 and 2).
         """
-        pixels = rearrange(rgb, "b h w c -> b c h w").float()
-        pixels = pixels.sub_(self.pixel_mean).div_(self.pixel_std)
+        rows = rearrange(rgb, "b h w c -> b h (w c)").float()  # whole rows at a time: twice as fast
+        pixels = rearrange(rows.sub_(self.pixel_mean).div_(self.pixel_std), "b h (w c) -> b h w c", c=3)
         if is_hidden is not None:
-            pixels = pixels.masked_fill_(is_hidden[:, None], 0.0)
-        tokens = rearrange(self.convolutions(pixels), "b d h w -> b (h w) d")
+            pixels = pixels.mul_(~is_hidden[..., None])
+        tokens = rearrange(self.convolutions(rearrange(pixels, "b h w c -> b c h w")), "b d h w -> b (h w) d")
         assert tokens.shape[1] == self.config.num_patches
-        return tokens + self.patch_position + self.image_modality
+        return tokens + (self.patch_position + self.image_modality)
 
     def encode_tokens(self, visual: Float[Tensor, "B M D"], text: TextTokens) -> Float[Tensor, "B 1+M D"]:
         """CLS, visual and language tokens through the encoder; language is sliced off again.
@@ -194,12 +193,11 @@ class LanguageGroundedMAE(nn.Module):
         """
         visual = self.patchify(batch.rgb, batch.is_hidden)
         num_images, num_patches = visual.shape[:2]
-        num_kept = self.config.num_kept
-        ids_keep, ids_restore = random_masking(num_images, num_patches, num_kept, generator)
+        ids_keep, ids_restore = random_masking(num_images, num_patches, self.config.num_kept, generator)
         ids_keep, ids_restore = ids_keep.to(visual.device), ids_restore.to(visual.device)
         tokens = self.encode_tokens(_take(visual, ids_keep), batch.text)
         depth, reward = self.decode_tokens(tokens, ids_restore)
-        return MAEOutput(depth=depth, reward=reward, is_token_masked=ids_restore >= num_kept)
+        return MAEOutput(depth=depth, reward=reward)
 
     @torch.no_grad()
     def encode(self, rgb: UInt8[Tensor, "B H W 3"]) -> Float[Tensor, "B cls_and_N D"]:

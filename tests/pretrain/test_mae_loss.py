@@ -19,12 +19,11 @@ def batch(mae_config, make_batch):
 
 
 @pytest.fixture
-def output(mae_config, batch):
+def output(batch):
     generator = torch.Generator().manual_seed(1)
     return MAEOutput(
         depth=torch.rand(batch.depth.shape, generator=generator),
         reward=torch.randn(3, generator=generator),
-        is_token_masked=torch.zeros(3, mae_config.num_patches, dtype=torch.bool),
     )
 
 

@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import nn
 
-from pretrain.transformer import Attention, Block, Transformer, grid_positions, sincos_2d
+from pretrain.transformer import Attention, Block, Dropout, Transformer, grid_positions, sincos_2d
 
 DIM, HEADS = 32, 4
 
@@ -84,6 +84,42 @@ def test_dropout_acts_in_training_only():
     x = torch.randn(1, 6, DIM)
     assert not torch.equal(block(x), block(x))
     assert torch.equal(block.eval()(x), block(x))
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
+@pytest.mark.parametrize("probability", [0.1, 0.5, 0.99])
+def test_dropout_has_the_distribution_of_torchs(probability, dtype):
+    torch.manual_seed(4)
+    ours, theirs = Dropout(probability), nn.Dropout(probability)
+    x = torch.ones(400_003, dtype=dtype)  # no multiple of four
+    for found in (ours(x), theirs(x)):
+        assert found.unique().tolist() == [0, pytest.approx(1 / (1 - probability), rel=4e-3)]
+        assert (found == 0).float().mean() == pytest.approx(probability, abs=0.004)
+
+
+def test_dropout_decides_about_each_entry_on_its_own():
+    torch.manual_seed(5)
+    is_dropped = (Dropout(0.3)(torch.ones(100_000, 4)) == 0).double()
+    correlation = torch.corrcoef(torch.cat([is_dropped[:-1], is_dropped[1:]], dim=1).T)
+    assert (correlation - torch.eye(8)).abs().max() < 0.02
+
+
+def test_dropout_passes_gradient_where_it_passes_values():
+    torch.manual_seed(6)
+    x = torch.ones(3, 7, 5, requires_grad=True)
+    found = Dropout(0.4)(x)
+    found.sum().backward()
+    assert torch.equal(x.grad, found)
+
+
+def test_dropout_repeats_with_the_seed():
+    x = torch.ones(2, 99)
+    found = []
+    for seed in (0, 0, 1):
+        torch.manual_seed(seed)
+        found.append(Dropout(0.5)(x))
+    assert torch.equal(found[0], found[1])
+    assert not torch.equal(found[0], found[2])
 
 
 def test_positions_tell_every_cell_of_a_rectangle_apart():
