@@ -16,7 +16,10 @@ from pretrain.transformer import Transformer
 class PoolingEncoder(nn.Module):
     """Transformer over all visual tokens and one task token; its embedding is their mean.
 
-    Source: Table 3 (81 + 1 tokens, 2 layers, 4 heads); Sec. 3.2 (task observation: 4 x 256, ELU).
+    With ``task.skips_pooling`` the task token stands beside the mean as well.
+
+    Source: Table 3 (81 + 1 tokens, 2 layers, 4 heads); Sec. 3.2 (task observation: 4 x 256, ELU);
+    ours (ADR-0009: the task token past the mean).
     """
 
     def __init__(self, config: PoolingConfig, task: TaskConfig, visual_dim: int, task_dim: int) -> None:
@@ -24,25 +27,31 @@ class PoolingEncoder(nn.Module):
         self.visual_in = make_linear(visual_dim, config.dim)
         self.task_in = make_mlp(task_dim, task.units, task.layers, config.dim)
         self.transformer = make_transformer(config)
+        self._skips_pooling = task.skips_pooling
+        self.embed_dim = config.dim * (2 if task.skips_pooling else 1)
 
-    def forward(self, visual: Float[Tensor, "B N V"], task: Float[Tensor, "B P"]) -> Float[Tensor, "B D"]:
-        """The average token."""
-        tokens = torch.cat([self.visual_in(visual), self.task_in(task)[:, None]], dim=1)
-        return self.transformer(tokens).mean(1)
+    def forward(self, visual: Float[Tensor, "B N V"], task: Float[Tensor, "B P"]) -> Float[Tensor, "B E"]:
+        """The average token, and the task token where it skips the pooling."""
+        task_token = self.task_in(task)
+        tokens = torch.cat([self.visual_in(visual), task_token[:, None]], dim=1)
+        average = self.transformer(tokens).mean(1)
+        return torch.cat([average, task_token], -1) if self._skips_pooling else average
 
 
 class TokenDecoder(nn.Module):
     """Transformer from one vector and mask tokens to the image tokens.
 
-    The vector is the average token or the state of the world model: each has a projection of its
-    own, the rest is shared.
+    The vector is the encoder's embedding or the state of the world model: each has a projection of
+    its own, the rest is shared.
 
     Source: Table 3 (2 layers, decoder input avg(tokens)); MWM (decoding from the state).
     """
 
-    def __init__(self, config: PoolingConfig, num_tokens: int, visual_dim: int, feat_dim: int) -> None:
+    def __init__(
+        self, config: PoolingConfig, *, num_tokens: int, visual_dim: int, embed_dim: int, feat_dim: int
+    ) -> None:
         super().__init__()
-        self.from_average = make_linear(config.dim, config.dim)
+        self.from_embed = make_linear(embed_dim, config.dim)
         self.from_state = make_linear(feat_dim, config.dim)
         self.mask_token = nn.Parameter(0.02 * torch.randn(config.dim))
         self.pos_embed = nn.Parameter(0.02 * torch.randn(num_tokens, config.dim))

@@ -46,16 +46,22 @@ class WorldModel(nn.Module):
         self.config = config
         pooling, head, task = config.pooling, config.head, config.task
         self.encoder = PoolingEncoder(pooling, task, token_dim, task_dim)
-        self.rssm = RSSM(config.rssm, pooling.dim, action_dim)
+        self.rssm = RSSM(config.rssm, self.encoder.embed_dim, action_dim)
         feat_dim = self.rssm.feat_dim
-        self.token_decoder = TokenDecoder(pooling, num_tokens, token_dim, feat_dim)
+        self.token_decoder = TokenDecoder(
+            pooling,
+            num_tokens=num_tokens,
+            visual_dim=token_dim,
+            embed_dim=self.encoder.embed_dim,
+            feat_dim=feat_dim,
+        )
         self.task_decoder = make_mlp(feat_dim, task.units, task.layers, task_dim)
         self.reward_head = make_mlp(feat_dim, head.units, head.layers, 1)
         self.discount_head = make_mlp(feat_dim, head.units, head.layers, 1)
         self.register_buffer("task_scale", torch.tensor(task.scale), persistent=False)
         self.task_scale: Tensor
 
-    def embed(self, tokens: Float[Tensor, "B N V"], task: Float[Tensor, "B P"]) -> Float[Tensor, "B D"]:
+    def embed(self, tokens: Float[Tensor, "B N V"], task: Float[Tensor, "B P"]) -> Float[Tensor, "B E"]:
         """What the RSSM sees of one step; ``task`` in its own units."""
         return self.encoder(tokens, task / self.task_scale)
 
@@ -102,21 +108,21 @@ def world_model_loss(
 
 
 def reconstruction_losses(
-    model: WorldModel, batch: ModelBatch, embed: Float[Tensor, "BT D"], post: Latent
+    model: WorldModel, batch: ModelBatch, embed: Float[Tensor, "BT E"], post: Latent
 ) -> dict[str, Float[Tensor, ""]]:
-    """What state and average token must tell: image tokens, task observation, reward, discount.
+    """What state and embedding must tell: image tokens, task observation, reward, discount.
 
     Squared errors of tokens are summed over channels and averaged over tokens, as MWM's are.
     """
     feat, target = post.feat, batch.tokens.flatten(0, 1).detach()
     decoder, config = model.token_decoder, model.config
     from_state = decoder(decoder.from_state(feat.flatten(0, 1)))
-    from_average = decoder(decoder.from_average(embed))
+    from_embed = decoder(decoder.from_embed(embed))
     reward = symlog(batch.reward) if config.reward_transform == "symlog" else batch.reward
     discount = config.discount * (~batch.is_terminal).to(feat.dtype)
     return {
         "token": (from_state - target).square().sum(-1).mean(),
-        "pool": (from_average - target).square().sum(-1).mean(),
+        "pool": (from_embed - target).square().sum(-1).mean(),
         "task": half_square(model.task_decoder(feat) - batch.task / model.task_scale).sum(-1).mean(),
         "reward": half_square(model.reward_head(feat).squeeze(-1) - reward).mean(),
         "discount": F.binary_cross_entropy_with_logits(model.discount_head(feat).squeeze(-1), discount),

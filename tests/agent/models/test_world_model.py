@@ -92,3 +92,18 @@ def test_reward_is_predicted_in_the_environments_units():
         raw = model.reward_head(feat).squeeze(-1)
         expected = raw.sign() * (raw.abs().exp() - 1) if transform == "symlog" else raw
         torch.testing.assert_close(model.predict_reward(feat), expected)
+
+
+def test_the_task_token_can_skip_the_pooling():
+    plain = make_model()
+    skipping = make_model(
+        dataclasses.replace(CONFIG, task=dataclasses.replace(CONFIG.task, skips_pooling=True))
+    )
+    batch = make_batch()
+    tokens, task = batch.tokens.flatten(0, 1), batch.task.flatten(0, 1)
+    assert plain.embed(tokens, task).shape == (18, 16)
+    embed = skipping.embed(tokens, task)
+    assert embed.shape == (18, 32)
+    assert torch.equal(embed[:, 16:], skipping.encoder.task_in(task / skipping.task_scale))
+    loss, _, _ = world_model_loss(skipping, batch, torch.Generator().manual_seed(0))
+    assert loss.isfinite()
