@@ -45,6 +45,8 @@ class ScenesConfig:
 
     seed: int = 0
     """Seed of the procedural homes: same seed, same fifteen floors."""
+    baked: str | None = None
+    """Folder of a finished dataset of this seed: its floors are read instead of being settled again."""
 
 
 @config

@@ -13,21 +13,20 @@ from typing import Any, Self
 
 import numpy as np
 
-from langwm_data import atomic
+from langwm_data.baking import load_home
 from langwm_data.config import DatasetConfig
 from langwm_data.config_io import ConfigError
 from langwm_data.labels.instances import ObjectLabel, label_frame
 from langwm_data.plan import FramePlan, ShardTask, plan_frame
 from langwm_data.scenes.navigation import FreeSpace
-from langwm_data.scenes.spec import SceneSpec
+from langwm_data.scenes.spec import SceneSpec, Split
 from langwm_data.scenes.splits import check_palette, sample_palette
 from langwm_data.seeding import make_rng
-from langwm_data.shards.manifest import SCENES_DIR
 from langwm_data.shards.sample import Sample, to_metres, to_millimetres
+from langwm_data.shards.scenes import read_scene, write_scene
 from langwm_data.shards.writer import write_shard
 from langwm_data.sim.camera import Camera
 from langwm_data.sim.render import Frame, make_renderer
-from langwm_data.sim.world import bake_home
 from langwm_data.workers import Report
 
 _PLACE_TRIES = 200
@@ -40,15 +39,34 @@ class BakeTask:
     scene: str
 
 
+@dataclass(frozen=True, kw_only=True)
+class Floor:
+    """One baked scene with what every frame of it needs."""
+
+    scene: SceneSpec
+    free: FreeSpace
+    table: dict[int, tuple[str, str]]
+    """Instance id to category and model."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Block:
+    """What consecutive frames have in common: a floor in one choice of materials."""
+
+    split: Split
+    number: int
+    scene: SceneSpec
+    materials: list[str]
+
+
 class RenderWorker:
     """Does ``BakeTask`` and ``ShardTask`` for one dataset; holds one renderer."""
 
     def __init__(self, config: DatasetConfig, folder: Path) -> None:
         self._config = config
         self._folder = folder
-        self._floors: dict[str, tuple[SceneSpec, FreeSpace]] = {}
-        self._scene: SceneSpec | None = None
-        self._block: tuple[str, int] | None = None
+        self._floors: dict[str, Floor] = {}
+        self._shown: Block | None = None
 
     def __enter__(self) -> Self:
         self._renderer = make_renderer(self._config.render)
@@ -62,8 +80,7 @@ class RenderWorker:
     def __call__(self, task: BakeTask | ShardTask, report: Report) -> None:
         """Do one task; ``report`` hears of every finished frame."""
         if isinstance(task, BakeTask):
-            scene = bake_home(task.scene, seed=self._config.scenes.seed)
-            atomic.write_text(scene_file(self._folder, task.scene), scene.to_json())
+            write_scene(self._folder, load_home(task.scene, self._config.scenes))
         else:
             write_shard(self._folder, task.split, task.number, self._samples(task, report))
 
@@ -77,47 +94,43 @@ class RenderWorker:
 
         Views are drawn until one shows an object worth a caption, at most ``cameras.max_tries`` times.
         """
-        scene = self._show(plan)
-        _, free = self._floor(plan.scene)
+        block, floor = self._show(plan), self._floor(plan.scene)
         rng = make_rng(self._config.seed, "frame", plan.split, plan.number)
-        table = scene.instances()
         max_tries = self._config.cameras.max_tries
         for attempt in range(1, max_tries + 1):
-            camera = sample_camera(rng, free, self._config, plan.scene)
+            camera = sample_camera(rng, floor.free, self._config, plan.scene)
             frame = self._renderer.render(camera)
             # Labels are taken from depth as it is stored, so that they can be made again from the shards.
             frame = dataclasses.replace(frame, depth=to_metres(to_millimetres(frame.depth)))
-            labels = label_frame(frame.instance, frame.depth, table, self._config.labels, rng)
+            labels = label_frame(frame.instance, frame.depth, floor.table, self._config.labels, rng)
             if attempt == max_tries or any(label.captions for label in labels):
-                return _assemble(plan, scene, camera, frame, labels)
+                return _assemble(plan, block, camera, frame, labels)
         raise AssertionError("max_tries is at least 1")
 
-    def _show(self, plan: FramePlan) -> SceneSpec:
+    def _show(self, plan: FramePlan) -> Block:
         """Have the renderer hold the scene and materials of this frame's block."""
-        block = (plan.split, plan.block)
-        if self._scene is None or self._block != block:
-            scene, _ = self._floor(plan.scene)
+        shown = self._shown
+        if shown is None or (shown.split, shown.number) != (plan.split, plan.block):
             rng = make_rng(self._config.seed, "palette", plan.split, plan.block)
+            scene = self._floor(plan.scene).scene
             scene = scene.with_palette(sample_palette(rng, scene.slots, plan.split))
             check_palette(scene)
-            if self._scene is not None and self._scene.name == scene.name:
+            if shown is not None and shown.scene.name == scene.name:
                 self._renderer.set_palette(scene.palette)
             else:
                 self._renderer.load(scene)
-            self._scene, self._block = scene, block
-        return self._scene
+            materials = [str(material) for material in scene.palette]
+            shown = Block(split=plan.split, number=plan.block, scene=scene, materials=materials)
+            self._shown = shown
+        return shown
 
-    def _floor(self, name: str) -> tuple[SceneSpec, FreeSpace]:
-        """A baked scene and where the robot can stand in it; there are few, so all are kept."""
+    def _floor(self, name: str) -> Floor:
+        """One of the few floors of the dataset; all are kept."""
         if name not in self._floors:
-            scene = SceneSpec.from_json(scene_file(self._folder, name).read_bytes())
-            self._floors[name] = scene, FreeSpace.from_scene(scene, robot=self._config.robot)
+            scene = read_scene(self._folder, name)
+            free = FreeSpace.from_scene(scene, robot=self._config.robot)
+            self._floors[name] = Floor(scene=scene, free=free, table=scene.instances())
         return self._floors[name]
-
-
-def scene_file(folder: Path, name: str) -> Path:
-    """Where the baked scene called ``name`` lies in a dataset."""
-    return folder / SCENES_DIR / f"{name}.json"
 
 
 def sample_camera(
@@ -140,7 +153,7 @@ def sample_camera(
 
 
 def _assemble(
-    plan: FramePlan, scene: SceneSpec, camera: Camera, frame: Frame, labels: list[ObjectLabel]
+    plan: FramePlan, block: Block, camera: Camera, frame: Frame, labels: list[ObjectLabel]
 ) -> Sample:
     largest = max((label for label in labels if label.captions), key=lambda o: o.area_px, default=None)
     return Sample(
@@ -149,11 +162,11 @@ def _assemble(
         depth=frame.depth,
         instance=frame.instance,
         meta={
-            "scene": scene.name,
-            "building": scene.building,
-            "floor": scene.floor,
+            "scene": block.scene.name,
+            "building": block.scene.building,
+            "floor": block.scene.floor,
             "split": plan.split,
-            "palette": [str(material) for material in scene.palette],
+            "palette": block.materials,
             "camera": describe_camera(camera),
             "objects": [describe_object(label) for label in labels],
         },

@@ -8,19 +8,18 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from langwm_data import __version__, atomic
+from langwm_data import atomic
 from langwm_data.config import DatasetConfig
 from langwm_data.config_io import claim_output, config_to_dict
-from langwm_data.frames import BakeTask, RenderWorker, scene_file
+from langwm_data.frames import BakeTask, RenderWorker
 from langwm_data.plan import SPLITS, ShardTask, plan_shards, scenes_needed
 from langwm_data.shards.finish import Origin, finish_dataset
-from langwm_data.shards.manifest import MANIFEST_FILE, SCENES_DIR, CameraRecord
+from langwm_data.shards.manifest import GENERATOR, MANIFEST_FILE, CameraRecord
 from langwm_data.shards.sample import MILLIMETRES
+from langwm_data.shards.scenes import SCENES_DIR, scene_path
 from langwm_data.shards.writer import WORK_DIR, complete_shard, shard_path
 from langwm_data.sim.camera import Camera
 from langwm_data.workers import WorkerPool
-
-GENERATOR = f"langwm {__version__}"
 
 _log = logging.getLogger(__name__)
 
@@ -71,7 +70,9 @@ def render_dataset(
 
 def fingerprint(config: DatasetConfig) -> str:
     """SHA-256 over everything that the bytes of the shards depend on."""
-    value = {"config": config_to_dict(config), "generator": GENERATOR, "renderer": config.render.backend}
+    values = config_to_dict(config)
+    del values["scenes"]["baked"]  # says where scenes are read from, not what they are
+    value = {"config": values, "generator": GENERATOR, "renderer": config.render.backend}
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
 
 
@@ -94,7 +95,7 @@ def _render(
 ) -> None:
     if not todo:
         return
-    bake = [BakeTask(scene=s) for s in scenes_needed(config) if not scene_file(out, s).is_file()]
+    bake = [BakeTask(scene=s) for s in scenes_needed(config) if not scene_path(out, s).is_file()]
     done = config.frames - sum(task.stop - task.start for task in todo)
 
     def report(count: int) -> None:

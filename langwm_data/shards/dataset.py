@@ -18,8 +18,9 @@ import pyarrow.parquet as pq
 
 from langwm_data.scenes.spec import SceneSpec, Split
 from langwm_data.shards.index import COLUMN_OF_FILE, FRAMES_SCHEMA, OBJECTS_SCHEMA
-from langwm_data.shards.manifest import FRAMES_FILE, OBJECTS_FILE, SCENES_DIR, Manifest, read_manifest
+from langwm_data.shards.manifest import FRAMES_FILE, OBJECTS_FILE, Manifest, read_manifest
 from langwm_data.shards.sample import DatasetError, Sample, decode_sample
+from langwm_data.shards.scenes import read_scene
 from langwm_data.shards.stream import SampleStream
 
 
@@ -89,12 +90,12 @@ class ShardDataset:
         """The baked scene called ``name``, enough to render its frames again.
 
         Raises:
-            DatasetError: If no frame of this dataset shows a scene of that name.
+            DatasetError: If no frame of this dataset shows a scene of that name, or its file is damaged.
         """
         known = sorted({s for split in self.manifest.splits.values() for s in split.scenes})
         if name not in known:
             raise DatasetError(f"no scene {name!r} in {str(self.path)!r}; there are: {', '.join(known)}")
-        return SceneSpec.from_json((self.path / SCENES_DIR / f"{name}.json").read_bytes())
+        return read_scene(self.path, name)
 
     def select(
         self,

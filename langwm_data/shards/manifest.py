@@ -12,7 +12,7 @@ from typing import Any
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from langwm_data import atomic
+from langwm_data import __version__, atomic
 from langwm_data.scenes.spec import Split
 from langwm_data.shards.sample import DatasetError
 
@@ -20,9 +20,10 @@ MANIFEST_FILE = "dataset.json"
 CARD_FILE = "README.md"
 FRAMES_FILE = "index/frames.parquet"
 OBJECTS_FILE = "index/objects.parquet"
-SCENES_DIR = "scenes"
 
 SCHEMA_VERSION = 1
+GENERATOR = f"langwm {__version__}"
+"""What this program calls itself in the datasets that it makes."""
 SHARD_PATTERN = r"(train|test)/(train|test)-\d{6}\.tar"
 
 

@@ -1,0 +1,96 @@
+"""Homes read from a dataset are the homes that physics settles; other seeds and damaged files are refused."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from langwm_data import render_dataset
+from langwm_data.baking import load_home
+from langwm_data.config import DatasetConfig, ScenesConfig
+from langwm_data.config_io import ConfigError, build_config
+from langwm_data.pipeline import fingerprint
+from langwm_data.shards.scenes import scene_path
+from langwm_data.sim.world import bake_home
+
+ONE_FRAME = {
+    "frames": 1,
+    "camera": {"height": 16, "width": 20},
+    "render": {"texture_px": 16},
+    "splits": {"test_fraction": 0.0},
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A dataset that shows one floor. Shared: do not write into it."""
+    return render_dataset(build_config(DatasetConfig, ONE_FRAME), tmp_path_factory.mktemp("baked") / "data")
+
+
+@pytest.fixture(scope="module")
+def name(folder):
+    (path,) = (folder / "scenes").iterdir()
+    return path.stem
+
+
+def test_a_home_that_is_read_equals_the_one_that_is_settled(folder, name):
+    assert load_home(name, ScenesConfig(baked=str(folder))) == bake_home(name, seed=0)
+
+
+def test_a_floor_that_the_dataset_lacks_is_settled(folder, name):
+    other = "Rowan_0"
+    assert other != name
+    assert load_home(other, ScenesConfig(baked=str(folder))) == bake_home(other, seed=0)
+
+
+def test_reading_needs_no_physics_engine(folder, name):
+    code = f"""
+import sys
+sys.modules["pybullet"] = None
+from langwm_data.baking import load_home
+from langwm_data.config import ScenesConfig
+print(load_home({name!r}, ScenesConfig(baked={str(folder)!r})).name)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == name
+
+
+def test_a_dataset_made_of_baked_scenes_has_the_same_bytes(folder, tmp_path):
+    config = build_config(DatasetConfig, ONE_FRAME | {"scenes": {"baked": str(folder)}})
+    render_dataset(config, tmp_path / "again")
+    for name in ("train/train-000000.tar", "index/frames.parquet"):
+        assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes()
+    assert fingerprint(config) == fingerprint(build_config(DatasetConfig, ONE_FRAME))
+
+
+def test_another_seed_is_refused(folder, name):
+    with pytest.raises(
+        ConfigError,
+        match=r"field 'scenes\.baked': value .* holds scenes of seed 0 by langwm [\d.]+; allowed: .*seed 3",
+    ):
+        load_home(name, ScenesConfig(seed=3, baked=str(folder)))
+
+
+@pytest.mark.parametrize("scenes", [None, 7, {}], ids=["missing", "no mapping", "no seed"])
+def test_a_manifest_that_tells_no_seed_is_refused(folder, name, scenes, tmp_path):
+    document = json.loads((folder / "dataset.json").read_text())
+    document["config"]["scenes"] = scenes
+    (tmp_path / "dataset.json").write_text(json.dumps(document))
+    with pytest.raises(ConfigError, match="holds scenes of seed None"):
+        load_home(name, ScenesConfig(baked=str(tmp_path)))
+
+
+def test_what_is_no_dataset_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match="no finished dataset at"):
+        load_home("Rowan_0", ScenesConfig(baked=str(tmp_path)))
+
+
+def test_unknown_homes_are_refused(folder):
+    with pytest.raises(ValueError, match=r"scene '\.\./Rowan_0' is unknown"):
+        load_home("../Rowan_0", ScenesConfig(baked=str(folder)))
+
+
+def test_names_lead_to_no_other_folder(tmp_path):
+    with pytest.raises(ConfigError, match=r"scene name '\.\./secret' is not allowed"):
+        scene_path(tmp_path, "../secret")
