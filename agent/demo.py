@@ -18,7 +18,7 @@ from torch import Tensor
 
 from agent.config import AgentConfig
 from agent.evaluate import EVAL_FOLDER, evaluate_run, read_rows
-from agent.report import write_report
+from agent.report import AGENT, DATA, MAE, PANELS_FILE, PROBE, PROBE_FILE, write_report
 from agent.train import train_agent
 from langwm_data import atomic
 from langwm_data.config import DatasetConfig
@@ -38,10 +38,7 @@ log = logging.getLogger(__name__)
 Progress = Callable[[str], AbstractContextManager[Callable[[int, int], None]]]
 """Makes a progress display for a unit of work, such as ``frames``."""
 
-DATA, MAE, AGENT, PROBE = "data", "mae", "agent", "probe"
-PROBE_FILE = "probe.parquet"
 CLOCK_FILE = "seconds.json"
-PANELS_FILE = "panels.json"
 PROBE_FRAMES = 400
 PANELS = 4
 PANEL_MIN_SHARE = 0.06

@@ -33,6 +33,10 @@ from pretrain.metrics import read_metrics
 from pretrain.model_file import load_model_file
 
 REPORT_FILE = "report.html"
+DATA, MAE, PROBE, AGENT = "data", "mae", "probe", "agent"
+"""Folders of the stages in a demo's folder."""
+PROBE_FILE = "probe.parquet"
+PANELS_FILE = "panels.json"
 FRAMES_SHOWN = 6
 WALKS_PER_MAP = 4
 MAPS = 3
@@ -64,15 +68,15 @@ SMOOTHED = {"env/return": 10, "env/success": 10}
 
 
 def write_report(out: Path, stages: Sequence[tuple[str, str, str]], seconds: Mapping[str, float]) -> Path:
-    """Write ``out/report.html`` from the folders ``data``, ``mae``, ``probe`` and ``agent`` in ``out``.
+    """Write ``out/report.html`` from what the stages left in their folders in ``out``.
 
     Args:
         out: Folder of a finished demo.
         stages: Key in ``seconds``, title and outcome of each part, in order.
         seconds: Time spent on each part.
     """
-    grounding = _grounding(out / "probe", out / "mae")
-    navigation = _navigation(out / "agent", out / "data")
+    grounding = _grounding(out / PROBE, out / MAE)
+    navigation = _navigation(out / AGENT, out / DATA)
     costs = [
         {"part": title, "seconds": f"{seconds.get(key, 0.0):.0f}", "outcome": outcome}
         for key, title, outcome in stages
@@ -84,7 +88,7 @@ def write_report(out: Path, stages: Sequence[tuple[str, str, str]], seconds: Map
         subtitle="Everything below came out of one command on this machine; every number is read from the"
         " files beside this page.",
         findings=[grounding["finding"], navigation["finding"]],
-        dataset=_dataset(out / "data"),
+        dataset=_dataset(out / DATA),
         grounding=grounding,
         curves=_curves(out),
         navigation=navigation,
@@ -126,7 +130,7 @@ def _frame(sample: Sample) -> dict[str, str]:
 
 def _grounding(probe: Path, mae: Path) -> dict[str, Any]:
     mask_ratio = load_model_file(mae)[0].mask_ratio
-    table = pq.read_table(probe / "probe.parquet")
+    table = pq.read_table(probe / PROBE_FILE)
     errors = {name: table[f"error_{name}_m"].to_numpy() for _, name in CAPTION_ROWS}
     rng = make_rng(0, "report", "grounding")
     own = {name: bootstrap_interval(values, rng) for name, values in errors.items()}
@@ -168,7 +172,7 @@ def _changes(difference: Interval) -> str:
 
 
 def _panels(probe: Path) -> list[dict[str, Any]]:
-    panels = json.loads((probe / "panels.json").read_text("utf-8"))
+    panels = json.loads((probe / PANELS_FILE).read_text("utf-8"))
     return [
         {
             "text": f"Right: “{panel['caption']}” Wrong: “{panel['wrong_caption']}”",
@@ -186,8 +190,8 @@ def _png(path: Path) -> str:
 
 
 def _curves(out: Path) -> list[dict[str, str]]:
-    mae = _curve_figure(read_metrics(out / "mae"), MAE_CURVES, "gradient steps")
-    agent = _curve_figure(read_metrics(out / "agent"), AGENT_CURVES, "environment steps")
+    mae = _curve_figure(read_metrics(out / MAE), MAE_CURVES, "gradient steps")
+    agent = _curve_figure(read_metrics(out / AGENT), AGENT_CURVES, "environment steps")
     return [
         {"alt": "losses of the autoencoder over gradient steps", "image": mae},
         {"alt": "losses and returns of the agent over environment steps", "image": agent},
@@ -222,26 +226,8 @@ def _navigation(run: Path, data: Path) -> dict[str, Any]:
         }
         for split in ("test", "train")
     ]
-    rates = {(s.system, s.split): s for s in scores}
-    parts = [
-        f"{100 * rates[AGENT_ROW, split].success.mean:.0f} % on {split} floors (random"
-        f" {100 * rates['random', split].success.mean:.0f} %, turn-to-goal"
-        f" {100 * rates['turn-to-goal', split].success.mean:.0f} %)"
-        for split in ("test", "train")
-        if (AGENT_ROW, split) in rates
-    ]
-    left = [
-        f"{rates[AGENT_ROW, split].means['distance_to_goal'].mean:.2f} m (random"
-        f" {rates['random', split].means['distance_to_goal'].mean:.2f} m)"
-        for split in ("test", "train")
-        if (AGENT_ROW, split) in rates
-    ]
     return {
-        "finding": "Navigation: the agent arrives in "
-        + " and ".join(parts)
-        + "; what is left to the goal at the end is "
-        + " and ".join(left)
-        + ".",
+        "finding": _navigation_finding(scores),
         "sentence": "The same fixed episodes for every system. The agent has learned for a few minutes only;"
         " turn-to-goal reads the goal's bearing and is blind to obstacles.",
         "tables": tables,
@@ -249,6 +235,28 @@ def _navigation(run: Path, data: Path) -> dict[str, Any]:
         "note": "SR: success rate. SPL: success weighted by path length. SoftSPL: progress in place of"
         " success. Blue paths arrived, red ones did not; the ring around a goal is the success radius.",
     }
+
+
+def _navigation_finding(scores: Sequence[Score]) -> str:
+    of = {(s.system, s.split): s for s in scores}
+    splits = [split for split in ("test", "train") if (AGENT_ROW, split) in of]
+
+    def rate(system: str, split: str) -> str:
+        return f"{100 * of[system, split].success.mean:.0f} %"
+
+    def left(system: str, split: str) -> str:
+        return f"{of[system, split].means['distance_to_goal'].mean:.2f} m"
+
+    arrives = [
+        f"{rate(AGENT_ROW, s)} on {s} floors (random {rate('random', s)},"
+        f" turn-to-goal {rate('turn-to-goal', s)})"
+        for s in splits
+    ]
+    remains = [f"{left(AGENT_ROW, s)} (random {left('random', s)})" for s in splits]
+    return (
+        f"Navigation: the agent arrives in {' and '.join(arrives)};"
+        f" what is left to the goal at the end is {' and '.join(remains)}."
+    )
 
 
 def _score_row(score: Score) -> dict[str, Any]:
