@@ -7,6 +7,7 @@ answer errs towards "they overlap".
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Self
 
 import numpy as np
@@ -41,16 +42,19 @@ def quat_product(a: Quat, b: Quat) -> Quat:
     )
 
 
+@lru_cache(maxsize=4096)
 def quat_matrix(quat: Quat) -> Array:
-    """Unit quaternion (x, y, z, w) to a 3x3 rotation matrix."""
+    """Unit quaternion (x, y, z, w) to a 3x3 rotation matrix, not writable: most parts share a few."""
     x, y, z, w = quat
-    return np.array(
+    matrix = np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
             [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
             [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
         ]
     )
+    matrix.setflags(write=False)
+    return matrix
 
 
 @dataclass(frozen=True, kw_only=True)

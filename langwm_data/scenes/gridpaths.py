@@ -18,6 +18,9 @@ Move = tuple[int, int]
 _MOVES: tuple[Move, ...] = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2))
 """Half of the sixteen moves; the others are these backwards."""
 
+_AROUND: tuple[Move, ...] = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
+_RAY_BLOCK = 32
+
 _Kind = TypeVar("_Kind", bound=np.generic)
 
 
@@ -67,11 +70,7 @@ def in_sight(free: Mask, at: Floats) -> Mask:
     reach = float(np.hypot(*free.shape)) + 2
     num_rays = int(np.ceil(2 * np.pi * reach))
     angles = np.arange(num_rays + 1) * (2 * np.pi / num_rays)
-    radii = np.arange(0, reach, 0.3)
-    points = at[:, None, None] + np.stack([np.cos(angles), np.sin(angles)])[..., None] * radii
-    i, j = (np.clip(np.floor(p).astype(int) + 1, 0, n + 1) for p, n in zip(points, free.shape, strict=True))
-    is_blocked = ~np.pad(free, 1)[i, j]
-    clear = radii[is_blocked.argmax(axis=1)]
+    clear = _first_blocked(free, at, np.stack([np.cos(angles), np.sin(angles)]), np.arange(0, reach, 0.3))
     cells = np.argwhere(free)
     offset = cells + 0.5 - at
     turn = np.arctan2(offset[:, 1], offset[:, 0]) % (2 * np.pi) * (num_rays / (2 * np.pi))
@@ -81,13 +80,46 @@ def in_sight(free: Mask, at: Floats) -> Mask:
     return seen
 
 
+def _first_blocked(free: Mask, at: Floats, directions: Floats, radii: Floats) -> Floats:
+    """For each ray from ``at``, the first of ``radii`` (ascending, from 0) that lies in a blocked cell.
+
+    Rays are followed a few cells at a time, as most end long before the far side of the grid.
+    """
+    is_blocked = ~np.pad(free, 1)
+    clear = np.full(directions.shape[1], radii[-1])
+    going = np.arange(directions.shape[1])
+    for start in range(0, len(radii), _RAY_BLOCK):
+        some = radii[start : start + _RAY_BLOCK]
+        points = at[:, None, None] + directions[:, going, None] * some
+        i, j = (
+            np.clip(np.floor(p).astype(int) + 1, 0, n + 1) for p, n in zip(points, free.shape, strict=True)
+        )
+        hits = is_blocked[i, j]
+        has_ended = hits.any(axis=1)
+        clear[going[has_ended]] = some[hits[has_ended].argmax(axis=1)]
+        going = going[~has_ended]
+        if not len(going):
+            break
+    return clear
+
+
 def spread(values: Floats, into: Mask) -> Floats:
     """Finite values carried on, cell by cell, into the infinite cells of a mask."""
-    while True:
-        wider = np.where(np.isinf(values) & into, _best_neighbour(values), values)
-        if np.array_equal(wider, values):
-            return values
-        values = wider
+    padded = np.pad(values, 1, constant_values=np.inf)
+    row = padded.shape[1]
+    steps = np.array([di * row + dj for di, dj in _AROUND])
+    lengths = np.hypot(*np.transpose(_AROUND))
+    flat = padded.ravel()
+    i, j = np.nonzero(np.isinf(values) & into)
+    cells = (i + 1) * row + j + 1
+    while len(cells):
+        best = (flat[cells[:, None] + steps] + lengths).min(axis=1)
+        is_reached = np.isfinite(best)
+        if not is_reached.any():
+            break
+        flat[cells[is_reached]] = best[is_reached]
+        cells = cells[~is_reached]
+    return padded[1:-1, 1:-1]
 
 
 def spread_once(values: Floats) -> Floats:
@@ -98,10 +130,9 @@ def spread_once(values: Floats) -> Floats:
 def _best_neighbour(values: Floats) -> Floats:
     padded = np.pad(values, 1, constant_values=np.inf)
     best = np.full_like(values, np.inf)
-    for di in (-1, 0, 1):
-        for dj in (-1, 0, 1):
-            there = padded[1 + di : padded.shape[0] - 1 + di, 1 + dj : padded.shape[1] - 1 + dj]
-            best = np.minimum(best, there + np.hypot(di, dj))
+    for di, dj in _AROUND:
+        there = padded[1 + di : padded.shape[0] - 1 + di, 1 + dj : padded.shape[1] - 1 + dj]
+        best = np.minimum(best, there + np.hypot(di, dj))
     return best
 
 
