@@ -1,9 +1,10 @@
 """Everything that can be configured about stage two, in the order of the paper's Table 2.
 
-The defaults are the paper's values; where it is silent, the method notes' decisions. Presets change
-them in the open.
+The defaults are the paper's values; where it is silent or its word is known to hurt, the method notes'
+decisions. Presets change them in the open.
 """
 
+import math
 from dataclasses import field
 from typing import Annotated, Literal
 
@@ -95,7 +96,7 @@ class MAEConfig:
     max_depth_m: Positive = 10.0
     """Depth is clipped here and predicted in units of it. Source: ours (decision 5)."""
     reward_loss: Literal["symlog", "mse"] = "symlog"
-    """``mse`` is the paper's word, ``symlog`` MWM's code (decision 15)."""
+    """``mse`` is the paper's word and its preset's; ``symlog`` is MWM's code (decisions 15 and 35)."""
 
     def __post_init__(self) -> None:
         """Refuse sizes that do not fit together."""
@@ -131,7 +132,7 @@ class MAEConfig:
     @property
     def num_kept(self) -> int:
         """Visual tokens that the encoder sees in training."""
-        return int(self.num_patches * (1 - self.mask_ratio))
+        return math.floor(self.num_patches * (1 - self.mask_ratio) + 1e-6)  # 80 * (1 - 0.9) is 7.99...
 
 
 @config

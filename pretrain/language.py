@@ -12,6 +12,7 @@ from typing import Any
 
 import torch
 from jaxtyping import Bool, Float
+from safetensors import SafetensorError
 from torch import Tensor
 
 from langwm_data.config_io import ConfigError
@@ -41,13 +42,20 @@ class FrozenText:
         device: Where it runs.
 
     Raises:
-        ConfigError: If the model cannot be found, is not a BERT, or is not the one it claims to be.
+        ConfigError: If the model cannot be found, is not a BERT, is not the one it claims to be, or
+            cannot read that many tokens.
     """
 
     def __init__(self, config: TextConfig, device: torch.device | str = "cpu") -> None:
         self.config = config
         self._device = torch.device(device)
         self._tokenizer, model = load_bert(config.model)
+        longest = model.config.max_position_embeddings
+        if config.num_tokens > longest:
+            raise ConfigError(
+                f"text.num_tokens {config.num_tokens} must be at most {longest}: text.model {config.model!r}"
+                " reads no more"
+            )
         self._model = model.to(self._device).eval().requires_grad_(False)
         self.width: int = model.config.hidden_size
         self.uses_pooler = model.pooler is not None and bool(model.pooler.dense.bias.any())
@@ -126,7 +134,7 @@ def load_bert(name: str) -> tuple[Any, Any]:
             raise ConfigError(f"text.model {name!r} is no BERT but of type {held.get('model_type')!r}")
         tokenizer = BertTokenizer.from_pretrained(folder, local_files_only=is_local)
         model = BertModel.from_pretrained(folder, local_files_only=is_local, use_safetensors=True)
-    except OSError as error:
+    except (OSError, SafetensorError) as error:
         raise ConfigError(
             f"text.model {name!r} cannot be loaded; give {MINILM!r}, the name of a BERT that the"
             " Hugging Face hub or its local cache has, or a folder with its config.json,"

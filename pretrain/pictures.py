@@ -15,13 +15,13 @@ RGB = NDArray[np.uint8]
 _GAP = 4
 _HEADER = 18
 _WHITE = 255
-_NEAR_COLORS = cv2.COLORMAP_TURBO
+_COLORMAP = cv2.COLORMAP_TURBO
 
 
 def depth_to_rgb(depth_m: NDArray[np.float32], max_depth_m: float) -> RGB:
     """Near is warm, far is cool; invalid (0) is black."""
     near = 255 - np.clip(depth_m / max_depth_m * 255, 0, 255).astype(np.uint8)
-    colors = cv2.cvtColor(cv2.applyColorMap(near, _NEAR_COLORS), cv2.COLOR_BGR2RGB)
+    colors = cv2.cvtColor(cv2.applyColorMap(near, _COLORMAP), cv2.COLOR_BGR2RGB)
     colors[depth_m == 0] = 0
     return np.asarray(colors, dtype=np.uint8)
 
@@ -35,15 +35,14 @@ def hide_pixels(rgb: RGB, is_hidden: NDArray[np.bool_]) -> RGB:
 
 def make_panel(titles: Sequence[str], rows: Sequence[Sequence[RGB]], captions: Sequence[str]) -> RGB:
     """Images in rows under column titles, each row with its caption below it."""
-    height, width = rows[0][0].shape[:2]
-    header = np.hstack([_label(title, width + _GAP) for title in titles])
+    column = rows[0][0].shape[1] + _GAP
+    header = np.hstack([_label(title, column) for title in titles])
     lines = [header]
     for images, caption in zip(rows, captions, strict=True):
         padded = [
             cv2.copyMakeBorder(i, 0, 0, 0, _GAP, cv2.BORDER_CONSTANT, value=(_WHITE,) * 3) for i in images
         ]
         lines += [np.hstack(padded), _label(caption or "(no caption)", header.shape[1])]
-    assert all(line.shape[1] == header.shape[1] for line in lines), height
     return np.vstack(lines).astype(np.uint8)
 
 

@@ -91,12 +91,11 @@ class DepthPrior:
     def of(cls, frames: FrameDataset, max_depth_m: float, *, max_frames: int = 1000) -> "DepthPrior":
         """Means over the valid pixels of evenly spaced frames, depth clipped as in training."""
         numbers = np.linspace(0, len(frames) - 1, min(len(frames), max_frames)).astype(int)
-        total, count = 0.0, 0
+        total, count = np.zeros(1), np.zeros(1, dtype=np.int64)
         for start in range(0, len(numbers), 64):
             depth = frames.batch(numbers[start : start + 64].tolist()).depth
             total = total + np.minimum(depth, max_depth_m).sum(axis=0, dtype=np.float64)
             count = count + (depth > 0).sum(axis=0)
-        total, count = np.asarray(total), np.asarray(count)
         mean = float(total.sum() / max(count.sum(), 1))
         per_pixel = np.where(count > 0, total / np.maximum(count, 1), mean).astype(np.float32)
         return cls(mean_m=mean, pixel_mean_m=per_pixel)
@@ -173,6 +172,9 @@ def probe_grounding(
         scene: Held-out frames.
         prior: Of the training frames.
         seed: Of token masks and of the bootstrap.
+
+    Raises:
+        ConfigError: If no hidden box covers a pixel with valid depth.
     """
     batch = scene.batch
     depth_of = predict_with_captions(mae, text, scene, seed)
@@ -183,6 +185,8 @@ def probe_grounding(
         _row(scene, i, {name: e[i].item() for name, e in error_of.items()}) for i in range(len(batch))
     )
     rows = tuple(row for row in rows if np.isfinite(row.error_right_m))
+    if not rows:
+        raise ConfigError(f"none of the {len(batch)} hidden boxes covers a pixel with valid depth")
     compared = ("empty", "wrong", "mean", "pixel_mean")
     return ProbeResult(rows=rows, differences=tuple(_difference(rows, name, seed) for name in compared))
 

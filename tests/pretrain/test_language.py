@@ -141,6 +141,26 @@ def test_folder_without_weights_or_tokenizer_is_refused(bert_folder, tmp_path, m
         FrozenText(TextConfig(model=str(tmp_path / "part")))
 
 
+def test_damaged_weights_are_refused(bert_folder, tmp_path):
+    shutil.copytree(bert_folder, tmp_path / "cut")
+    path = tmp_path / "cut" / "model.safetensors"
+    path.write_bytes(path.read_bytes()[:100])
+    with pytest.raises(ConfigError, match=r"text.model '.*cut' cannot be loaded; give 'minilm'"):
+        FrozenText(TextConfig(model=str(tmp_path / "cut")))
+
+
+def test_more_tokens_than_the_model_reads_are_refused(bert_folder, tmp_path):
+    from transformers import BertConfig, BertModel
+
+    shutil.copytree(bert_folder, tmp_path / "short")
+    config = BertConfig.from_pretrained(bert_folder)
+    config.max_position_embeddings = 24
+    BertModel(config).save_pretrained(tmp_path / "short")
+    FrozenText(TextConfig(model=str(tmp_path / "short"), num_tokens=24)).embed(["a chair " * 40])
+    with pytest.raises(ConfigError, match=r"text.num_tokens 25 must be at most 24: text.model '.*short'"):
+        FrozenText(TextConfig(model=str(tmp_path / "short"), num_tokens=25))
+
+
 def test_model_that_is_no_bert_is_refused(bert_folder, tmp_path):
     shutil.copytree(bert_folder, tmp_path / "gpt")
     held = json.loads((bert_folder / "config.json").read_text()) | {"model_type": "gpt2"}

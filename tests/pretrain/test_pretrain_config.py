@@ -1,6 +1,10 @@
 """Presets and limits: the paper's table row by row, and what is refused."""
 
+from fractions import Fraction
+
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from langwm_data.config_io import ConfigError, build_config, config_to_dict, load_config, preset_names
 from pretrain.config import MAEConfig, PretrainConfig
@@ -27,13 +31,26 @@ def test_preset_paper_is_table_2_row_by_row():
     assert (mae.layer_norm_eps, mae.dropout) == (1e-6, 0.1)
     assert (config.optimizer.learning_rate, config.optimizer.epsilon) == (1e-4, 1e-5)
     assert config.optimizer.max_grad_norm == 100
+    assert (config.optimizer.schedule, config.optimizer.warmup_steps) == ("constant", 2500)
     assert (objects.max_objects, objects.margin_px, objects.max_area) == (3, 10, 0.75)
     assert (objects.caption_dropout, objects.box_dropout) == (0, 0)
     assert config.text.model == "bert-base-uncased"
 
 
-def test_defaults_are_the_paper():
-    assert load() == load("paper")
+def test_defaults_are_the_paper_but_for_the_rewards_loss():
+    literal = load("paper")
+    assert (load().mae.reward_loss, literal.mae.reward_loss) == ("symlog", "mse")
+    assert load(mae={"reward_loss": "mse"}) == literal
+
+
+@given(ratio=st.integers(0, 99), grid=st.sampled_from([(64, 64), (128, 160), (160, 192)]))
+@settings(deadline=None)
+def test_tokens_kept_are_those_of_exact_arithmetic(ratio, grid):
+    num_patches = grid[0] * grid[1] // 256
+    expected = int(num_patches * (1 - Fraction(ratio, 100)))
+    if expected:
+        config = MAEConfig(height=grid[0], width=grid[1], mask_ratio=ratio / 100)
+        assert config.num_kept == expected
 
 
 @pytest.mark.parametrize("name", preset_names("pretrain"))
@@ -58,6 +75,7 @@ def test_tiny_keeps_the_layout_of_the_paper():
         ({"augment": {"blur_sigma_px": [2.0, 0.1]}}, "augment.blur_sigma_px 2.0 to 0.1 is not a range"),
         ({"text": {"num_tokens": 1}}, "field 'text.num_tokens': value 1 is not allowed"),
         ({"objects": {"max_object": 1}}, r"'objects.max_object' is unknown \(did you mean 'max_objects'\?\)"),
+        ({"optimizer": {"schedule": "linear"}}, "field 'optimizer.schedule': value 'linear' is not allowed"),
         ({"optimizer": {"precision": "fp16"}}, "field 'optimizer.precision': value 'fp16' is not allowed"),
     ],
 )

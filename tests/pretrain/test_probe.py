@@ -89,6 +89,17 @@ def test_interval_agrees_with_the_normal_one_for_many_rows(scene, model, text, h
     assert found.high_m == pytest.approx(extra.mean() + half, abs=0.02)
 
 
+def test_boxes_without_valid_depth_are_refused(scene, model, text, held_out):
+    prior = DepthPrior.of(held_out, 10.0)
+    depth = scene.batch.depth.clone()
+    depth[1:][scene.batch.is_hidden[1:]] = 0
+    one = replace(scene, batch=replace(scene.batch, depth=depth))
+    assert [row.key for row in probe_grounding(model, text, one, prior, seed=0).rows] == [scene.keys[0]]
+    none = replace(scene, batch=replace(scene.batch, depth=torch.zeros_like(depth)))
+    with pytest.raises(ConfigError, match="none of the 6 hidden boxes covers a pixel with valid depth"):
+        probe_grounding(model, text, none, prior, seed=0)
+
+
 def test_prior_is_the_mean_over_valid_pixels(held_out):
     frames = held_out.batch(range(len(held_out)))
     prior = DepthPrior.of(held_out, 4.0)
