@@ -12,7 +12,7 @@ from langwm_data.scenes.homes import scene_names
 from langwm_data.scenes.spec import SceneSpec, Split
 from langwm_data.seeding import make_rng
 
-EPISODES_VERSION = 1
+EPISODES_VERSION = 2
 """Raised whenever the fixed episodes of a seed change, so that results are not compared across."""
 GOALS_TRIED = 100
 STARTS_TRIED = 20

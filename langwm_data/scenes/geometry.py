@@ -150,11 +150,11 @@ def rects_overlap(a: Rect, b: Rect, gap_m: float = 0.0) -> bool:
 
 def point_polygon_distance(points: Array, polygon: Array) -> Array:
     """Distance (K,) from points (K, 2) to a convex counter-clockwise polygon, 0 inside."""
-    start = polygon
-    edge = np.roll(polygon, -1, axis=0) - start
-    offset = points[:, None] - start
-    t = np.clip((offset * edge).sum(-1) / np.maximum((edge * edge).sum(-1), 1e-18), 0, 1)
-    gap = offset - t[..., None] * edge
-    distance = np.sqrt((gap * gap).sum(-1)).min(axis=1)
-    inside = (edge[:, 0] * offset[..., 1] - edge[:, 1] * offset[..., 0] >= 0).all(axis=1)
+    edge_x, edge_y = (np.concatenate([polygon[1:], polygon[:1]]) - polygon).T
+    x, y = points[:, :1] - polygon[:, 0], points[:, 1:] - polygon[:, 1]
+    t = (x * edge_x + y * edge_y) / np.maximum(edge_x * edge_x + edge_y * edge_y, 1e-18)
+    t = np.minimum(np.maximum(t, 0), 1)
+    gap_x, gap_y = x - t * edge_x, y - t * edge_y
+    distance = np.sqrt((gap_x * gap_x + gap_y * gap_y).min(axis=1))
+    inside = (edge_x * y - edge_y * x >= 0).all(axis=1)
     return np.where(inside, 0.0, distance)

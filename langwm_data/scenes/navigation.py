@@ -3,11 +3,14 @@
 Owns the free space of a scene and shortest paths in it. World coordinates, metres.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from langwm_data.config import RobotConfig
@@ -21,9 +24,6 @@ from langwm_data.scenes.gridpaths import (
     with_source,
 )
 from langwm_data.scenes.spec import SceneSpec
-
-MIN_HEIGHT_M = 0.02
-"""Lower things are driven over: rugs, thresholds."""
 
 RESOLUTION_M = 0.05
 """At 0.1 m, ways between furniture that the robot fits through close, and detours of up to a half
@@ -58,30 +58,30 @@ class FreeSpace:
         self._tight = (clearance >= radius_m - resolution_m / np.sqrt(2)) & ~free
         self._cells = np.argwhere(self.grid)
         self._obstacles = obstacles
-        self._bounds = np.array([[*p.min(axis=0), *p.max(axis=0)] for p in obstacles]).reshape(-1, 4)
-        self._graph = move_graph(self.grid)
+        self._bounds = _bounds(obstacles)
 
     @classmethod
     def from_scene(cls, scene: SceneSpec, *, robot: RobotConfig, resolution_m: float = RESOLUTION_M) -> Self:
         """The free space of a scene for a robot.
 
         Args:
-            scene: The scene; parts that reach into the robot's height are in its way.
-            robot: Radius and height.
+            scene: The scene; parts between what the robot drives over and its top are in its way.
+            robot: Radius, height and clearance.
             resolution_m: Edge of a grid cell. Finer cells find narrower ways and cost more.
 
         Raises:
             ValueError: If the robot fits nowhere.
         """
-        obstacles = obstacle_polygons(scene, robot.height_m)
+        obstacles = obstacle_polygons(scene, robot)
         rects = np.array([room.rect for room in scene.rooms])
         low, high = rects[:, :2].min(axis=0), rects[:, 2:].max(axis=0)
         shape = np.ceil((high - low) / resolution_m - 1e-9).astype(int)
         origin = (float(low[0]), float(low[1]))
         centers = _centers(shape, origin, resolution_m)
         clearance = np.full(tuple(shape), np.inf)
-        for polygon in obstacles:
-            window = _window(polygon, origin, resolution_m, robot.radius_m, clearance.shape)
+        for polygon, window in zip(
+            obstacles, _windows(_bounds(obstacles), origin, resolution_m, robot.radius_m, shape), strict=True
+        ):
             near = centers[window]
             distance = point_polygon_distance(near.reshape(-1, 2), polygon)
             clearance[window] = np.minimum(clearance[window], distance.reshape(near.shape[:2]))
@@ -91,6 +91,11 @@ class FreeSpace:
                 " allowed: a radius smaller than the free space"
             )
         return cls(clearance, origin, resolution_m, robot.radius_m, obstacles)
+
+    @cached_property
+    def _graph(self) -> csr_array:
+        """Moves between free cells; made when the first distances are asked for."""
+        return move_graph(self.grid)
 
     @property
     def area_m2(self) -> float:
@@ -229,11 +234,11 @@ class DistanceField:
         return int(near[np.argmin(away[near] + self.values[tuple(self.cells[near].T)])])
 
 
-def obstacle_polygons(scene: SceneSpec, height_m: float) -> list[Array]:
-    """What is in the way of a robot of this height, seen from above: convex polygons (N, 2)."""
+def obstacle_polygons(scene: SceneSpec, robot: RobotConfig) -> list[Array]:
+    """What is in the way of the robot, seen from above: convex polygons (N, 2)."""
     parts = [(position, orientation, part) for _, position, orientation, part in scene.iter_parts()]
     bounds = Boxes.of_parts(parts).bounds
-    in_way = (bounds[:, 0, 2] < height_m) & (bounds[:, 1, 2] > MIN_HEIGHT_M)
+    in_way = (bounds[:, 0, 2] < robot.height_m) & (bounds[:, 1, 2] > robot.clearance_m)
     return [part_polygon(*parts[i]) for i in np.flatnonzero(in_way)]
 
 
@@ -260,11 +265,16 @@ def _centers(shape: NDArray[np.intp], origin: tuple[float, float], resolution_m:
     return (cells + 0.5) * resolution_m + origin
 
 
-def _window(
-    polygon: Array, origin: tuple[float, float], resolution_m: float, margin_m: float, shape: tuple[int, ...]
-) -> tuple[slice, slice]:
-    """The cells that a polygon can block."""
-    low = np.floor((polygon.min(axis=0) - margin_m - origin) / resolution_m - 0.5).astype(int)
-    high = np.ceil((polygon.max(axis=0) + margin_m - origin) / resolution_m + 0.5).astype(int)
-    low, high = np.clip(low, 0, shape), np.clip(high, 0, shape)
-    return slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))
+def _bounds(polygons: list[Array]) -> Array:
+    """(N, 4): lowest x and y, highest x and y of each polygon."""
+    return np.reshape([[*p.min(axis=0), *p.max(axis=0)] for p in polygons], (-1, 4))
+
+
+def _windows(
+    bounds: Array, origin: tuple[float, float], resolution_m: float, margin_m: float, shape: NDArray[np.intp]
+) -> Iterator[tuple[slice, slice]]:
+    """The cells that each polygon can block, from its bounds."""
+    low = np.floor((bounds[:, :2] - margin_m - origin) / resolution_m - 0.5).astype(int)
+    high = np.ceil((bounds[:, 2:] + margin_m - origin) / resolution_m + 0.5).astype(int)
+    for (i0, j0), (i1, j1) in zip(np.clip(low, 0, shape), np.clip(high, 0, shape), strict=True):
+        yield slice(i0, i1), slice(j0, j1)

@@ -30,6 +30,8 @@ WALL_GAP = 0.01
 """Distance of a piece from the wall behind it."""
 PASSAGE_RADIUS = 0.26
 """Half the width kept free for the robot: its radius and what a body and a grid need on top."""
+FLAT_M = 0.02
+"""What is lower, such as a rug, is walked and driven over."""
 _CELL = 0.1
 _TUCKS = {("chair", "dining_table"), ("chair", "desk"), ("office_chair", "desk")}
 """Pairs of which the first may stand under the second; their parts decide."""
@@ -214,7 +216,7 @@ class RoomState:
         free[(xs < x0 + r) | (xs > x1 - r)] = False
         free[:, (ys < y0 + r) | (ys > y1 - r)] = False
         for p in self.placements:
-            if p.bounds[0, 2] > 0.5 or p.top < 0.02:
+            if p.bounds[0, 2] > 0.5 or p.top < FLAT_M:
                 continue
             a0, b0, a1, b1 = p.footprint
             free[np.ix_((xs > a0 - r) & (xs < a1 + r), (ys > b0 - r) & (ys < b1 + r))] = False
@@ -286,9 +288,9 @@ class RoomState:
         if depth_m <= 0:
             return True
         front = front_rect(piece, depth_m)
-        return not any(p.top > 0.02 and rects_overlap(front, p.footprint) for p in self.placements)
+        return not any(p.top > FLAT_M and rects_overlap(front, p.footprint) for p in self.placements)
 
     def keep_front_free(self, piece: Placement, depth_m: float) -> None:
         """Let nothing but a rug lie on the floor before a piece."""
         if depth_m > 0:
-            self.zones.append(Zone(kind="front", rect=front_rect(piece, depth_m), z=(0.02, 2.0)))
+            self.zones.append(Zone(kind="front", rect=front_rect(piece, depth_m), z=(FLAT_M, 2.0)))

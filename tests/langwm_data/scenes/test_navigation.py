@@ -19,6 +19,7 @@ from langwm_data.scenes.spec import (
     SceneSpec,
     SurfaceSpec,
 )
+from langwm_data.sim.world import World
 
 ROBOT = RobotConfig(radius_m=0.2, height_m=0.45)
 
@@ -220,6 +221,15 @@ def test_floor_plan_draws_floors_first_and_walls_last():
 
 def test_obstacles_leave_out_rugs_and_ceiling_lamps():
     scene = make_home("Rowan_0", seed=0)
-    kept = len(obstacle_polygons(scene, 0.45))
+    kept = len(obstacle_polygons(scene, RobotConfig()))
     assert 0 < kept < sum(1 for _ in scene.iter_parts())
-    assert len(obstacle_polygons(scene, 2.4)) > kept
+    assert len(obstacle_polygons(scene, RobotConfig(height_m=2.4))) > kept
+
+
+@pytest.mark.parametrize(("height", "is_free"), [(0.025, True), (0.035, False)])
+def test_what_the_robot_drives_over_is_what_the_world_lets_it_drive_over(height, is_free):
+    scene = room_scene(4.0, 3.0, [((1.0, 1.0, 0.0), (2.0, 2.0, height))])
+    free, world = FreeSpace.from_scene(scene, robot=ROBOT), World(scene, ROBOT)
+    assert free.is_free((1.5, 1.5)) == is_free
+    assert world.collides((1.5, 1.5), 0.0) != is_free
+    world.close()
