@@ -7,7 +7,7 @@ in each package's ``config.py``.
 import dataclasses
 import difflib
 import shutil
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -123,11 +123,12 @@ def config_to_yaml(value: Any) -> str:  # noqa: ANN401
 
 
 def load_config_file(cls: type[T], path: Path) -> T:
-    """Read back what ``config_to_yaml`` wrote."""
-    values = yaml.safe_load(path.read_text("utf-8"))
-    if not isinstance(values, dict):
-        raise ConfigError(f"{path} does not hold a configuration")
-    return build_config(cls, values)
+    """Read back what ``config_to_yaml`` wrote.
+
+    Raises:
+        ConfigError: If the file is damaged, or holds fields or values that ``cls`` does not allow.
+    """
+    return build_config(cls, _read_mapping(path))
 
 
 def differing_fields(old: Mapping[str, Any], new: Mapping[str, Any], prefix: str = "") -> list[str]:
@@ -142,7 +143,7 @@ def differing_fields(old: Mapping[str, Any], new: Mapping[str, Any], prefix: str
     return lines
 
 
-def claim_output(out: Path, value: Any, *, fresh: bool = False, may_differ: Iterable[str] = ()) -> None:  # noqa: ANN401
+def claim_output(out: Path, value: Any, *, fresh: bool = False, may_differ: Sequence[str] = ()) -> None:  # noqa: ANN401
     """Make ``out`` the folder of this config: write ``config.yaml``, or check the one that is there.
 
     Args:
@@ -153,27 +154,47 @@ def claim_output(out: Path, value: Any, *, fresh: bool = False, may_differ: Iter
 
     Raises:
         ConfigError: If ``out`` is a file, holds something that is not ours, or holds a run of a
-            different config.
+            different config; with ``fresh``, if what it holds is not of this kind of config.
     """
     if out.exists() and not out.is_dir():
         raise ConfigError(f"--out {str(out)!r} is a file; give a folder")
     path = out / CONFIG_FILE
     if out.is_dir() and any(out.iterdir()) and not path.is_file():
         raise ConfigError(f"--out {str(out)!r} is not empty and holds no {CONFIG_FILE}; give a new folder")
-    new = config_to_dict(value)
-    if path.is_file() and fresh:
-        shutil.rmtree(out)
     if path.is_file():
-        old = yaml.safe_load(path.read_text("utf-8"))
-        skip = set(may_differ)
-        kept_old = {k: v for k, v in (old if isinstance(old, dict) else {}).items() if k not in skip}
-        kept_new = {k: v for k, v in new.items() if k not in skip}
-        if fields := differing_fields(kept_old, kept_new):
+        old, new = _read_mapping(path), config_to_dict(value)
+        if fresh:
+            _remove_run(out, old, new)
+        elif fields := differing_fields(_without(old, may_differ), _without(new, may_differ)):
             raise ConfigError(
                 f"--out {str(out)!r} holds a run of another configuration: {'; '.join(fields)};"
                 " use another folder, the same configuration, or --fresh to start over"
             )
     atomic.write_text(path, config_to_yaml(value))
+
+
+def _remove_run(out: Path, old: Mapping[str, Any], new: Mapping[str, Any]) -> None:
+    """Remove ``out``, unless its ``config.yaml`` is of another kind: then it may be anybody's folder."""
+    if not old or not set(old) <= set(new):
+        raise ConfigError(
+            f"--fresh would remove {str(out)!r}, whose {CONFIG_FILE} is not of this command;"
+            " remove the folder yourself or give a new one"
+        )
+    shutil.rmtree(out)
+
+
+def _without(values: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if name not in names}
+
+
+def _read_mapping(path: Path) -> dict[str, Any]:
+    try:
+        values = yaml.safe_load(path.read_text("utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path} is damaged: it is not YAML") from error
+    if not isinstance(values, dict):
+        raise ConfigError(f"{path} does not hold a configuration")
+    return values
 
 
 def _explain(cls: type, error: ValidationError) -> str:

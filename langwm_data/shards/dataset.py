@@ -6,6 +6,7 @@ this code read outside its folder.
 """
 
 import os
+import re
 from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
@@ -19,7 +20,7 @@ import pyarrow.parquet as pq
 from langwm_data.scenes.spec import SceneSpec, Split
 from langwm_data.shards.index import COLUMN_OF_FILE, FRAMES_SCHEMA, OBJECTS_SCHEMA
 from langwm_data.shards.manifest import FRAMES_FILE, OBJECTS_FILE, Manifest, read_manifest
-from langwm_data.shards.sample import DatasetError, Sample, decode_sample
+from langwm_data.shards.sample import KEY_PATTERN, DatasetError, Sample, decode_sample
 from langwm_data.shards.scenes import read_scene
 from langwm_data.shards.stream import SampleStream
 
@@ -40,7 +41,7 @@ class ShardDataset:
         folder = Path(path)
         manifest = read_manifest(folder)
         frames = _read_table(folder / FRAMES_FILE, FRAMES_SCHEMA)
-        _check_places(folder, manifest, frames)
+        _check_frames(folder, manifest, frames)
         self._bind(folder, manifest, frames)
 
     def _bind(self, folder: Path, manifest: Manifest, frames: pa.Table) -> None:
@@ -155,11 +156,15 @@ def _places(frames: pa.Table) -> np.ndarray:
     return np.stack(columns, axis=-1).reshape(len(frames), len(COLUMN_OF_FILE), 2)
 
 
-def _check_places(folder: Path, manifest: Manifest, frames: pa.Table) -> None:
+def _check_frames(folder: Path, manifest: Manifest, frames: pa.Table) -> None:
     if len(frames) != manifest.frames:
         raise DatasetError(
             f"{folder / FRAMES_FILE} has {len(frames)} rows; the manifest says {manifest.frames}"
         )
+    if any(column.null_count for column in frames.columns):
+        raise DatasetError(f"{folder / FRAMES_FILE} has empty fields")
+    if not all(re.fullmatch(KEY_PATTERN, key) for key in frames["key"].to_pylist()):
+        raise DatasetError(f"{folder / FRAMES_FILE} has a key of other characters than {KEY_PATTERN}")
     size_of = {shard.path: shard.bytes for shard in manifest.shards}
     if unknown := set(frames["shard"].unique().to_pylist()) - set(size_of):
         raise DatasetError(
@@ -167,7 +172,8 @@ def _check_places(folder: Path, manifest: Manifest, frames: pa.Table) -> None:
         )
     limits = np.array([size_of[s] for s in frames["shard"].to_pylist()], dtype=np.int64)
     places = _places(frames)
-    if (places < 0).any() or (places.sum(axis=2) > limits[:, None]).any():
+    # Not as a sum, which could pass the largest number.
+    if (places < 0).any() or (places[..., 0] > limits[:, None] - places[..., 1]).any():
         raise DatasetError(f"{folder / FRAMES_FILE} points outside a shard")
 
 

@@ -5,6 +5,7 @@ Owns the format of the five files. Where they lie in a tar and which samples exi
 """
 
 import json
+import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -29,6 +30,12 @@ KEY_PATTERN = r"[A-Za-z0-9_-]+"
 
 MILLIMETRES = 1000.0
 MAX_DEPTH_M = np.iinfo(np.uint16).max / MILLIMETRES
+
+
+_PNG_SIZE = slice(16, 24)
+"""Where a PNG has its width and height. Source: PNG specification, IHDR."""
+_MAX_SIDE_PX = 2048
+"""As ``CameraConfig`` allows."""
 
 
 class DatasetError(ConfigError):
@@ -89,22 +96,43 @@ def decode_sample(files: Mapping[str, Any]) -> Sample:
     missing = [name for name in FILE_KEYS if name not in files]
     if missing:
         raise DatasetError(f"sample {key!r} lacks {', '.join(missing)}")
-    try:
-        meta = json.loads(files[META_KEY])
-    except ValueError as error:
-        raise DatasetError(f"sample {key!r}: {META_KEY} is not JSON") from error
     name = f"sample {key!r}: "
+    rgb = _decode_png(files[RGB_KEY], np.uint8, name + RGB_KEY)
+    depth = _decode_png(files[DEPTH_KEY], np.uint16, name + DEPTH_KEY)
+    instance = _decode_png(files[INSTANCE_KEY], np.uint16, name + INSTANCE_KEY)
+    if not rgb.shape[:2] == depth.shape == instance.shape:
+        raise DatasetError(f"{name}its images have sizes {rgb.shape[:2]}, {depth.shape} and {instance.shape}")
     return Sample(
         key=key,
-        rgb=_decode_png(files[RGB_KEY], np.uint8, name + RGB_KEY)[..., ::-1].copy(),
-        depth=to_metres(_decode_png(files[DEPTH_KEY], np.uint16, name + DEPTH_KEY)),
-        instance=_decode_png(files[INSTANCE_KEY], np.uint16, name + INSTANCE_KEY),
-        meta=meta,
-        caption=files[CAPTION_KEY].decode(),
+        rgb=np.asarray(cv2.cvtColor(rgb, cv2.COLOR_BGR2RGB), np.uint8),
+        depth=to_metres(depth),
+        instance=instance,
+        meta=_decode_meta(files[META_KEY], name + META_KEY),
+        caption=_decode_caption(files[CAPTION_KEY], name + CAPTION_KEY),
     )
 
 
+def _decode_meta(data: bytes, name: str) -> dict[str, Any]:
+    try:
+        meta = json.loads(data)
+    except ValueError as error:
+        raise DatasetError(f"{name} is not JSON") from error
+    if not isinstance(meta, dict):
+        raise DatasetError(f"{name} is not a JSON object")
+    return meta
+
+
+def _decode_caption(data: bytes, name: str) -> str:
+    try:
+        return data.decode()
+    except UnicodeDecodeError as error:
+        raise DatasetError(f"{name} is not UTF-8") from error
+
+
 def _decode_png(data: bytes, dtype: type[np.generic], name: str) -> NDArray[Any]:
+    # Before anything is unpacked: a small file may hold a picture that fills the memory.
+    if len(data) >= _PNG_SIZE.stop and max(struct.unpack(">II", data[_PNG_SIZE])) > _MAX_SIDE_PX:
+        raise DatasetError(f"{name} is larger than {_MAX_SIDE_PX} pixels on a side")
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:

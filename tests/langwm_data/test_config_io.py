@@ -112,3 +112,26 @@ def test_fresh_starts_over(tmp_path):
     (tmp_path / "run/old").write_text("")
     claim_output(tmp_path / "run", Outer(steps=3), fresh=True)
     assert sorted(p.name for p in (tmp_path / "run").iterdir()) == ["config.yaml"]
+
+
+def test_fresh_does_not_remove_what_another_program_left(tmp_path):
+    for text in ("services: [web]\n", "{}\n"):
+        (tmp_path / "config.yaml").write_text(text)
+        (tmp_path / "thesis.tex").write_text("mine")
+        with pytest.raises(
+            ConfigError, match=r"config\.yaml is not of this command; remove the folder yourself"
+        ):
+            claim_output(tmp_path, Outer(), fresh=True)
+    assert (tmp_path / "thesis.tex").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"), [(b"a: [", "not YAML"), (b"\xff", "not YAML"), (b"3", "does not hold")]
+)
+def test_a_damaged_configuration_is_refused(tmp_path, text, message):
+    path = tmp_path / "config.yaml"
+    path.write_bytes(text)
+    with pytest.raises(ConfigError, match=message):
+        claim_output(tmp_path, Outer())
+    with pytest.raises(ConfigError, match=message):
+        config_io.load_config_file(Outer, path)

@@ -138,6 +138,9 @@ def test_a_shard_outside_the_folder_is_refused(own_folder):
         ("shard", "../secret.tar", "names shard '../secret.tar', which is not in the manifest"),
         ("rgb_offset", -512, "points outside a shard"),
         ("json_bytes", 10**12, "points outside a shard"),
+        ("json_bytes", 2**63 - 1, "points outside a shard"),
+        ("rgb_offset", None, "has empty fields"),
+        ("key", "../../secret", "has a key of other characters than"),
     ],
 )
 def test_an_index_that_points_elsewhere_is_refused(own_folder, column, value, message):

@@ -1,4 +1,5 @@
 import json
+import struct
 
 import cv2
 import numpy as np
@@ -7,7 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from langwm_data.png import encode_png
 from langwm_data.shards.sample import (
+    CAPTION_KEY,
     DEPTH_KEY,
     FILE_KEYS,
     META_KEY,
@@ -93,3 +96,25 @@ def test_broken_json_is_refused(sample_at):
     files = encode_sample(sample_at("train", 1)) | {META_KEY: b"{"}
     with pytest.raises(DatasetError, match="sample 'a': json is not JSON"):
         decode_sample({"__key__": "a", **files})
+
+
+def test_texts_that_are_none_are_refused(sample_at):
+    files = encode_sample(sample_at("train", 1))
+    with pytest.raises(DatasetError, match="sample 'a': json is not a JSON object"):
+        decode_sample({"__key__": "a", **files, META_KEY: b"[]"})
+    with pytest.raises(DatasetError, match="sample 'a': txt is not UTF-8"):
+        decode_sample({"__key__": "a", **files, CAPTION_KEY: b"\xff"})
+
+
+def test_a_picture_that_would_fill_the_memory_is_not_unpacked(sample_at):
+    files = encode_sample(sample_at("train", 1))
+    bomb = files[RGB_KEY][:16] + struct.pack(">II", 30_000, 30_000) + files[RGB_KEY][24:]
+    with pytest.raises(DatasetError, match=r"rgb\.png is larger than 2048 pixels on a side"):
+        decode_sample({"__key__": "a", **files, RGB_KEY: bomb})
+
+
+def test_images_of_different_sizes_are_refused(sample_at):
+    files = encode_sample(sample_at("train", 1))
+    small = encode_png(np.zeros((4, 5), np.uint16))
+    with pytest.raises(DatasetError, match=r"its images have sizes \(24, 32\), \(4, 5\) and \(24, 32\)"):
+        decode_sample({"__key__": "a", **files, DEPTH_KEY: small})
