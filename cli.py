@@ -80,6 +80,20 @@ def inspect_command(
         typer.echo(f"gallery at {gallery}")
 
 
+@app.command("export-coco")
+def export_coco_command(
+    data: Annotated[Path, typer.Argument(help="Dataset folder.")],
+    out: Out,
+    fresh: Fresh = False,
+) -> None:
+    """Write a dataset as COCO files: instances, panoptic segments, captions, images."""
+    from langwm_data.shards.coco import export_coco
+
+    with _progress("frames") as progress:
+        path = export_coco(data, out, fresh=fresh, progress=progress)
+    typer.echo(f"COCO files at {path}")
+
+
 @app.command("pretrain-mae")
 def pretrain_mae_command(
     data: Annotated[Path, typer.Option("--data", help="Dataset from render-dataset.")],
