@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from langwm_data.config_io import config
+from langwm_data.config_io import ConfigError, config
 
 Positive = Annotated[float, Field(gt=0)]
 PositiveInt = Annotated[int, Field(ge=1)]
@@ -28,6 +28,11 @@ class CameraConfig:
     near_m: Positive = 0.05
     far_m: Positive = 40.0
 
+    def __post_init__(self) -> None:
+        """Refuse a camera that sees nothing."""
+        if self.near_m >= self.far_m:
+            raise ConfigError(f"camera.near_m {self.near_m} must be less than camera.far_m {self.far_m}")
+
 
 @config
 class RobotConfig:
@@ -37,6 +42,13 @@ class RobotConfig:
     height_m: Positive = 0.45
     clearance_m: Annotated[float, Field(ge=0)] = 0.03
     """It drives over what is no higher than this, such as a rug."""
+
+    def __post_init__(self) -> None:
+        """Refuse a robot that would drive over everything it meets."""
+        if self.clearance_m >= self.height_m:
+            raise ConfigError(
+                f"robot.clearance_m {self.clearance_m} must be less than robot.height_m {self.height_m}"
+            )
 
 
 @config

@@ -7,6 +7,7 @@ import pytest
 
 from langwm_data.scenes.homes import make_home
 from langwm_data.scenes.spec import IDENTITY, ObjectSpec, PartSpec
+from langwm_data.sim import drop
 from langwm_data.sim.settle import check_contacts, settle
 
 
@@ -74,6 +75,13 @@ def test_off_centre_mass_topples_and_is_named(small_scene):
 def test_object_over_nothing_falls_down_and_is_named(small_scene):
     scene = replaced(small_scene, 34, position=(2.0, 1.5, 0.8))
     with pytest.raises(ValueError, match=r"box 34 .*(does not stay in its place|falls over)"):
+        settle(scene)
+
+
+def test_object_that_is_still_moving_when_time_is_up_is_named(small_scene, monkeypatch):
+    scene = replaced(small_scene, 34, position=(2.0, 1.5, 2.0))
+    monkeypatch.setattr(drop, "MAX_SECONDS", drop.REST_STEPS / drop.PHYSICS_HZ)
+    with pytest.raises(ValueError, match=r"box 34 \(.*\) does not come to rest in 0\.25 s"):
         settle(scene)
 
 
