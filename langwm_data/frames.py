@@ -16,6 +16,7 @@ import numpy as np
 from langwm_data.baking import load_home
 from langwm_data.config import DatasetConfig
 from langwm_data.config_io import ConfigError
+from langwm_data.labels.amodal import AmodalExtent, Solid, amodal_extents, scene_solids
 from langwm_data.labels.instances import ObjectLabel, label_frame
 from langwm_data.plan import FramePlan, ShardTask, plan_frame
 from langwm_data.scenes.navigation import FreeSpace
@@ -47,6 +48,8 @@ class Floor:
     free: FreeSpace
     table: dict[int, tuple[str, str]]
     """Instance id to category and model."""
+    solids: dict[int, Solid]
+    """By instance id."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,7 +107,9 @@ class RenderWorker:
             frame = dataclasses.replace(frame, depth=to_metres(to_millimetres(frame.depth)))
             labels = label_frame(frame.instance, frame.depth, floor.table, self._config.labels, rng)
             if attempt == max_tries or any(label.captions for label in labels):
-                return _assemble(plan, block, camera, frame, labels)
+                extents = amodal_extents(floor.solids, camera, {o.instance: o.area_px for o in labels})
+                objects = [describe_object(label, extents[label.instance]) for label in labels]
+                return _assemble(plan, block, camera, frame, objects)
         raise AssertionError("max_tries is at least 1")
 
     def _show(self, plan: FramePlan) -> Block:
@@ -129,7 +134,8 @@ class RenderWorker:
         if name not in self._floors:
             scene = read_scene(self._folder, name)
             free = FreeSpace.from_scene(scene, robot=self._config.robot)
-            self._floors[name] = Floor(scene=scene, free=free, table=scene.instances())
+            table, solids = scene.instances(), scene_solids(scene)
+            self._floors[name] = Floor(scene=scene, free=free, table=table, solids=solids)
         return self._floors[name]
 
 
@@ -153,9 +159,9 @@ def sample_camera(
 
 
 def _assemble(
-    plan: FramePlan, block: Block, camera: Camera, frame: Frame, labels: list[ObjectLabel]
+    plan: FramePlan, block: Block, camera: Camera, frame: Frame, objects: list[dict[str, Any]]
 ) -> Sample:
-    largest = max((label for label in labels if label.captions), key=lambda o: o.area_px, default=None)
+    largest = max((obj for obj in objects if obj["captions"]), key=lambda o: o["area_px"], default=None)
     return Sample(
         key=plan.key,
         rgb=frame.rgb,
@@ -168,15 +174,16 @@ def _assemble(
             "split": plan.split,
             "palette": block.materials,
             "camera": describe_camera(camera),
-            "objects": [describe_object(label) for label in labels],
+            "objects": objects,
         },
-        caption=largest.captions[0].text if largest else "",
+        caption=largest["captions"][0]["text"] if largest else "",
     )
 
 
-def describe_object(label: ObjectLabel) -> dict[str, Any]:
+def describe_object(label: ObjectLabel, extent: AmodalExtent) -> dict[str, Any]:
     """A label as it stands in a sample's JSON; ``dataclasses.asdict`` takes ten times as long."""
-    return {**vars(label), "captions": [{**vars(caption)} for caption in label.captions]}
+    captions = [{**vars(caption)} for caption in label.captions]
+    return {**vars(label), "captions": captions, **vars(extent)}
 
 
 def describe_camera(camera: Camera) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from langwm_data.config_io import claim_output, config_to_dict
 from langwm_data.frames import BakeTask, RenderWorker
 from langwm_data.plan import SPLITS, ShardTask, plan_shards, scenes_needed
 from langwm_data.shards.finish import Origin, finish_dataset
-from langwm_data.shards.manifest import GENERATOR, MANIFEST_FILE, CameraRecord
+from langwm_data.shards.manifest import GENERATOR, MANIFEST_FILE, SCHEMA_VERSION, CameraRecord
 from langwm_data.shards.sample import MILLIMETRES
 from langwm_data.shards.scenes import SCENES_DIR, scene_path
 from langwm_data.shards.writer import WORK_DIR, complete_shard, shard_path
@@ -72,7 +72,12 @@ def fingerprint(config: DatasetConfig) -> str:
     """SHA-256 over everything that the bytes of the shards depend on."""
     values = config_to_dict(config)
     del values["scenes"]["baked"]  # says where scenes are read from, not what they are
-    value = {"config": values, "generator": GENERATOR, "renderer": config.render.backend}
+    value = {
+        "config": values,
+        "generator": GENERATOR,
+        "schema_version": SCHEMA_VERSION,
+        "renderer": config.render.backend,
+    }
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
 
 

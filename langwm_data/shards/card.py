@@ -27,6 +27,9 @@ _OBJECT = {
     "direction_rule1": "string",
     "direction_rule2": "string",
     "captions": [_CAPTION],
+    "visible_fraction": "float64",
+    "truncated_fraction": "float64",
+    "occluded_fraction": "float64",
 }
 _CAMERA = {
     "height": "int64",
@@ -76,13 +79,16 @@ Floors and texture ids of the test split do not occur in the training split.
 - `depth.png`: 16-bit, millimetres along the optical axis (z-depth, not the length of the ray); 0 is invalid.
 - `instance.png`: 16-bit instance ids; 0 is background. Walls, floors and ceilings have ids of their own.
 - `json`: scene, split, materials (`palette`), camera and every visible object: box (pixel edges; right
-  and bottom exclusive), centroid, area, mean depth, direction by both rules, captions. `K` is in pixels
-  with pixel centres at .5. `camera_to_world` is 4x4 in metres; camera axes are x right, y down,
-  z forward; in the world z is up.
+  and bottom exclusive), centroid, area, mean depth, direction by both rules, captions, and three shares
+  of its silhouette, which is what it would cover if it stood alone and the picture had no edges:
+  `visible_fraction` is seen, `truncated_fraction` lies outside the picture, and of what lies inside,
+  `occluded_fraction` is hidden by something else. `K` is in pixels with pixel centres at .5.
+  `camera_to_world` is 4x4 in metres; camera axes are x right, y down, z forward; in the world z is up.
 - `txt`: the caption of the largest captioned object, empty where there is none.
 
 `index/frames.parquet` and `index/objects.parquet` have a row per frame and per visible object,
-`scenes/*.json` the floors, `dataset.json` the whole configuration and the checksum of each shard.
+`scenes/*.json` the floors, `dataset.json` the whole configuration, the number of each category in
+semantic masks (`category_ids`) and the checksum of each shard.
 
 ## Reading it
 
@@ -91,6 +97,7 @@ from langwm_data import ShardDataset
 
 dataset = ShardDataset("PATH")
 sample = dataset[0]  # .rgb, .depth in metres, .instance, .meta, .caption
+semantic = sample.semantic(dataset.manifest.category_ids)
 ```
 
 ```python
@@ -111,6 +118,8 @@ depth_m = np.asarray(rows[0]["depth.png"]) / 1000
 `.decode("rgb")` of `webdataset`, `.convert("RGB")` of Pillow) clip them at 255 without a word. Use
 `decode_sample`, or read `depth.png` with a reader that keeps 16 bits (`cv2.IMREAD_UNCHANGED`,
 Pillow's mode `I;16`).
+
+`langwm export-coco PATH --out COCO` writes COCO files: instances, panoptic segments and captions.
 
 ## Licence
 

@@ -11,6 +11,7 @@ Annotations are written as frames are read, so memory holds one frame and the da
 whatever their number. An export without ``done`` is made again from the start.
 """
 
+import dataclasses
 import json
 import logging
 import os
@@ -24,7 +25,7 @@ from numpy.typing import NDArray
 
 from langwm_data import atomic
 from langwm_data.config_io import ConfigError, claim_output, config
-from langwm_data.labels.semantic import CATEGORY_IDS
+from langwm_data.labels.amodal import AmodalExtent
 from langwm_data.png import encode_png
 from langwm_data.scenes.spec import Split
 from langwm_data.scenes.taxonomy import is_structure, phrase
@@ -38,20 +39,7 @@ DONE_FILE = "done"
 
 _LICENSE = {"id": 1, "name": "Apache-2.0", "url": "https://www.apache.org/licenses/LICENSE-2.0"}
 
-_SEGMENTS: list[dict[str, Any]] = [
-    {
-        "id": number,
-        "name": name,
-        "supercategory": "building" if is_structure(name) else "object",
-        "isthing": int(not is_structure(name)),
-    }
-    for name, number in CATEGORY_IDS.items()
-]
-_THINGS = [
-    {name: category[name] for name in ("id", "name", "supercategory")}
-    for category in _SEGMENTS
-    if category["isthing"]
-]
+_EXTENT = tuple(field.name for field in dataclasses.fields(AmodalExtent))
 
 _log = logging.getLogger(__name__)
 
@@ -129,23 +117,45 @@ def _export_split(part: ShardDataset, split: Split, out: Path, first_id: int) ->
     images_dir, panoptic_dir = out / split, annotations / f"panoptic_{split}"
     images_dir.mkdir(parents=True, exist_ok=True)
     panoptic_dir.mkdir(parents=True, exist_ok=True)
+    category_ids = part.manifest.category_ids
     with (
-        _document(annotations / f"instances_{split}.json", part, first_id, _THINGS) as instances,
-        _document(annotations / f"captions_{split}.json", part, first_id, _THINGS) as captions,
-        _document(annotations / f"panoptic_{split}.json", part, first_id, _SEGMENTS) as panoptic,
+        _document(
+            annotations / f"instances_{split}.json", part, first_id, _things(category_ids)
+        ) as instances,
+        _document(annotations / f"captions_{split}.json", part, first_id, _things(category_ids)) as captions,
+        _document(
+            annotations / f"panoptic_{split}.json", part, first_id, _categories(category_ids)
+        ) as panoptic,
     ):
         for image_id, sample in enumerate(part, start=first_id):
             name, objects = f"{sample.key}.png", sample.meta["objects"]
             (images_dir / name).write_bytes(encode_png(sample.rgb))
             (panoptic_dir / name).write_bytes(encode_png(panoptic_image(sample.instance, objects)))
-            instances.add_numbered(_instances(sample, image_id))
-            captions.add_numbered(_captions(sample, image_id))
-            segments = segments_info(objects, CATEGORY_IDS)
+            instances.add_numbered(_instances(sample, image_id, category_ids))
+            captions.add_numbered(_captions(sample, image_id, category_ids))
+            segments = segments_info(objects, category_ids)
             panoptic.add({"image_id": image_id, "file_name": name, "segments_info": segments})
             yield image_id
 
 
-def _instances(sample: Sample, image_id: int) -> Iterable[dict[str, Any]]:
+def _categories(category_ids: Mapping[str, int]) -> list[dict[str, Any]]:
+    """Objects, which are things, and walls, floors and ceilings, which are stuff."""
+    return [
+        {
+            "id": number,
+            "name": name,
+            "supercategory": "building" if is_structure(name) else "object",
+            "isthing": int(not is_structure(name)),
+        }
+        for name, number in category_ids.items()
+    ]
+
+
+def _things(category_ids: Mapping[str, int]) -> list[dict[str, Any]]:
+    return _categories({name: number for name, number in category_ids.items() if not is_structure(name)})
+
+
+def _instances(sample: Sample, image_id: int, category_ids: Mapping[str, int]) -> Iterable[dict[str, Any]]:
     counts = run_lengths(sample.instance)
     for obj in sample.meta["objects"]:
         if is_structure(obj["category"]):
@@ -153,16 +163,17 @@ def _instances(sample: Sample, image_id: int) -> Iterable[dict[str, Any]]:
         x1, y1, x2, y2 = obj["bbox_xyxy"]
         yield {
             "image_id": image_id,
-            "category_id": CATEGORY_IDS[obj["category"]],
+            "category_id": category_ids[obj["category"]],
             "segmentation": {"size": list(sample.instance.shape), "counts": counts[obj["instance"]]},
             "area": obj["area_px"],
             "bbox": [x1, y1, x2 - x1, y2 - y1],
             "iscrowd": 0,
             "instance": obj["instance"],
+            **{name: obj[name] for name in _EXTENT},
         }
 
 
-def _captions(sample: Sample, image_id: int) -> Iterable[dict[str, Any]]:
+def _captions(sample: Sample, image_id: int, category_ids: Mapping[str, int]) -> Iterable[dict[str, Any]]:
     """Every sentence with its slots; ``instance`` is the object that it is about."""
     for obj in sample.meta["objects"]:
         for caption in obj["captions"]:
@@ -171,7 +182,7 @@ def _captions(sample: Sample, image_id: int) -> Iterable[dict[str, Any]]:
                 "image_id": image_id,
                 "caption": slots.pop("text"),
                 "instance": obj["instance"],
-                "category_id": CATEGORY_IDS[obj["category"]],
+                "category_id": category_ids[obj["category"]],
                 **slots,
             }
 

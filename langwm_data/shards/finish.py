@@ -9,6 +9,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from langwm_data.labels.semantic import CATEGORY_IDS
 from langwm_data.shards.card import write_card
 from langwm_data.shards.manifest import (
     FRAMES_FILE,
@@ -45,6 +46,7 @@ def finish_dataset(folder: Path, records: Sequence[ShardRecord], origin: Origin)
         config=origin.config,
         camera=origin.camera,
         categories=_counts(objects["category"]),
+        category_ids=dict(CATEGORY_IDS),
         splits=_splits(frames),
         frames=len(frames),
         objects=len(objects),

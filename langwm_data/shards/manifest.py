@@ -8,9 +8,9 @@ import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from langwm_data import __version__, atomic
 from langwm_data.scenes.spec import Split
@@ -21,7 +21,7 @@ CARD_FILE = "README.md"
 FRAMES_FILE = "index/frames.parquet"
 OBJECTS_FILE = "index/objects.parquet"
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 GENERATOR = f"langwm {__version__}"
 """What this program calls itself in the datasets that it makes."""
 SHARD_PATTERN = r"(train|test)/(train|test)-\d{6}\.tar"
@@ -74,6 +74,8 @@ class Manifest:
     camera: CameraRecord
     categories: dict[str, int]
     """Visible instances by category, over all frames."""
+    category_ids: dict[str, Annotated[int, Field(ge=1, le=255)]]
+    """Number of each category in semantic masks and COCO files, seen in a frame or not."""
     splits: dict[Split, SplitRecord]
     frames: int
     objects: int
@@ -114,6 +116,8 @@ def read_manifest(folder: Path) -> Manifest:
         first = error.errors()[0]
         where = ".".join(str(p) for p in first["loc"]) or "the document"
         raise DatasetError(f"{path}: {where}: {first['msg']}") from error
+    if unnumbered := sorted(set(manifest.categories) - set(manifest.category_ids)):
+        raise DatasetError(f"{path}: category_ids has no number for {unnumbered[0]!r}")
     for shard in manifest.shards:
         if not re.fullmatch(SHARD_PATTERN, shard.path):
             raise DatasetError(f"{path}: shard path {shard.path!r} is not of the form train/train-000000.tar")

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from langwm_data.config_io import ConfigError
+from langwm_data.labels.semantic import semantic_mask
 from langwm_data.png import encode_png
 
 RGB_KEY = "rgb.png"
@@ -57,6 +58,15 @@ class Sample:
     """The JSON document: scene, split, camera, palette, objects."""
     caption: str
     """One sentence, empty where no object is eligible."""
+
+    def semantic(self, category_ids: Mapping[str, int]) -> NDArray[np.uint8]:
+        """The number of each pixel's category, (H, W), 0 = background.
+
+        Args:
+            category_ids: The numbers, as the dataset's manifest gives them.
+        """
+        categories = {obj["instance"]: obj["category"] for obj in self.meta["objects"]}
+        return semantic_mask(self.instance, categories, category_ids)
 
 
 def to_millimetres(depth: NDArray[np.float32]) -> NDArray[np.uint16]:

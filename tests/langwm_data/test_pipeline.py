@@ -13,6 +13,7 @@ import pytest
 from langwm_data import ShardDataset, pipeline, render_dataset
 from langwm_data.config import DatasetConfig
 from langwm_data.config_io import ConfigError, build_config, config_to_yaml
+from langwm_data.labels.amodal import amodal_extents, scene_solids
 from langwm_data.labels.instances import label_frame
 from langwm_data.scenes.navigation import FreeSpace
 from langwm_data.scenes.splits import HELD_OUT_TEXTURE_IDS
@@ -219,6 +220,19 @@ def test_labels_can_be_made_again_from_the_stored_images(dataset):
             assert list(again.bbox_xyxy) == stored["bbox_xyxy"]
             assert again.distance_m == stored["distance_m"]
             assert len(again.captions) == len(stored["captions"])
+
+
+def test_what_is_hidden_and_cut_off_can_be_measured_again(dataset):
+    for sample in dataset:
+        stored = sample.meta["camera"]
+        xy = tuple(row[3] for row in stored["camera_to_world"][:2])
+        camera = Camera.on_robot(CONFIG.camera, xy, stored["yaw_rad"])
+        visible = {o["instance"]: o["area_px"] for o in sample.meta["objects"]}
+        extents = amodal_extents(scene_solids(dataset.scene(sample.meta["scene"])), camera, visible)
+        for obj in sample.meta["objects"]:
+            values = vars(extents[obj["instance"]])
+            assert {name: obj[name] for name in values} == values
+            assert all(type(value) is float for value in values.values())
 
 
 def test_views_stand_clear_of_obstacles_and_show_something(dataset):

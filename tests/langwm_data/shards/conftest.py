@@ -15,6 +15,7 @@ from langwm_data.shards.writer import write_shard
 HEIGHT, WIDTH = 24, 32
 K = [[29.0, 0.0, 16.0], [0.0, 29.0, 12.0], [0.0, 0.0, 1.0]]
 TABLE = {1: ("wall", "study_wall"), 2: ("chair", "chair_01"), 3: ("sofa", "sofa_02")}
+EXTENT = {"visible_fraction": 0.5, "truncated_fraction": 0.0, "occluded_fraction": 0.5}
 SHARD_SIZES = {"train": (5, 5, 3), "test": (2,)}
 
 
@@ -50,7 +51,7 @@ def make_sample(split, number):
                 "yaw_rad": 0.5,
                 "pitch_rad": 0.0,
             },
-            "objects": [asdict(o) for o in labels],
+            "objects": [asdict(o) | EXTENT for o in labels],
         },
         caption=captions[0] if captions else "",
     )

@@ -39,6 +39,7 @@ TABLE = {
     301: ("chair", "chair_02"),
     65535: ("sofa", "sofa_02"),
 }
+EXTENT = {"visible_fraction": 0.25, "truncated_fraction": 0.5, "occluded_fraction": 0.5}
 ANNOTATIONS = ("instances", "captions", "panoptic")
 
 
@@ -76,7 +77,7 @@ def make_sample(split, number):
             "split": split,
             "palette": ["wood/01"],
             "camera": camera,
-            "objects": [asdict(o) for o in labels],
+            "objects": [asdict(o) | EXTENT for o in labels],
         },
         caption="",
     )
@@ -135,6 +136,7 @@ def test_masks_boxes_and_areas_are_those_of_the_dataset(exported, dataset):
             assert annotation["area"] == coco_mask.area(encoded) == mask.sum()
             assert annotation["bbox"] == coco_mask.toBbox(encoded).tolist()
             assert coco.cats[annotation["category_id"]]["name"] == obj["category"]
+            assert annotation.items() >= EXTENT.items()
 
 
 def test_ground_truth_scores_one_against_itself(exported):

@@ -113,15 +113,45 @@ def test_what_is_no_dataset_is_refused(tmp_path, folder):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("{", "schema version None; this program reads 1"),
-        ('{"schema_version": 7}', "schema version 7; this program reads 1"),
-        ('{"schema_version": 1}', "dataset.json: generator: Field required"),
+        ("{", "schema version None; this program reads 2"),
+        ('{"schema_version": 7}', "schema version 7; this program reads 2"),
+        ('{"schema_version": 2}', "dataset.json: generator: Field required"),
     ],
 )
 def test_a_damaged_manifest_is_refused(own_folder, text, message):
     (own_folder / MANIFEST_FILE).write_text(text)
     with pytest.raises(DatasetError, match=message):
         ShardDataset(own_folder)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "message"),
+    [
+        ({"wall": 1, "chair": 4}, r"dataset\.json: category_ids has no number for 'sofa'"),
+        (
+            {"wall": 1, "chair": 4, "sofa": 256},
+            r"dataset\.json: category_ids\.sofa: .* less than or equal to 255",
+        ),
+        (
+            {"wall": 0, "chair": 4, "sofa": 6},
+            r"dataset\.json: category_ids\.wall: .* greater than or equal to 1",
+        ),
+    ],
+)
+def test_categories_without_a_number_that_fits_are_refused(own_folder, numbers, message):
+    edit_manifest(own_folder, category_ids=numbers)
+    with pytest.raises(DatasetError, match=message):
+        ShardDataset(own_folder)
+
+
+def test_semantic_masks_follow_the_manifest(folder):
+    dataset = ShardDataset(folder)
+    ids = dataset.manifest.category_ids
+    sample = dataset[1]
+    mask = sample.semantic(ids)
+    for obj in sample.meta["objects"]:
+        assert set(mask[sample.instance == obj["instance"]].tolist()) == {ids[obj["category"]]}
+    assert sample.semantic({name: 7 for name in ids}).tolist() == np.full(mask.shape, 7).tolist()
 
 
 def test_a_shard_outside_the_folder_is_refused(own_folder):
