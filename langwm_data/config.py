@@ -69,13 +69,34 @@ class SplitsConfig:
 
 
 @config
+class LightsConfig:
+    """How bright the lights of a home are. Where their sum exceeds 1 a texture looks as it was drawn.
+
+    Source: ours (ADR-0008). ``tiny`` has lights of its own.
+    """
+
+    ambient: Annotated[float, Field(ge=0)] = 0.45
+    """From everywhere, a little more from above."""
+    sun: Annotated[float, Field(ge=0)] = 0.2
+    """From one direction, the same in all rooms."""
+    lamp: Annotated[float, Field(ge=0)] = 0.6
+    """From a lamp under the middle of each room's ceiling."""
+
+
+@config
 class RenderConfig:
     """How a scene becomes pixels."""
 
-    backend: Literal["tiny"] = "tiny"
-    """``tiny``: PyBullet's TinyRenderer."""
-    texture_px: Annotated[int, Field(ge=16, le=1024)] = 128
+    backend: Literal["auto", "gl", "embree", "tiny"] = "tiny"
+    """``gl``: OpenGL through EGL, on a GPU or in software; ``embree``: ray casting on the CPU;
+    ``tiny``: PyBullet's TinyRenderer; ``auto``: ``gl`` where it opens, else ``embree``."""
+    egl_device: Annotated[int, Field(ge=0)] = 0
+    """Which of the machine's EGL devices ``gl`` draws on."""
+    texture_px: Literal[16, 32, 64, 128, 256] = 128
     """Texture pixels to a metre of surface."""
+    is_antialiased: bool = True
+    """Whether ``gl`` and ``embree`` take the mean of four samples where a pixel sees several faces."""
+    lights: LightsConfig = field(default_factory=LightsConfig)
 
 
 @config

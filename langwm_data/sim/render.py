@@ -1,15 +1,22 @@
 """What a renderer is: the protocol that every backend follows, and the frame it returns."""
 
+import dataclasses
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from functools import cache
+from importlib.metadata import version
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from langwm_data.config import RenderConfig
+from langwm_data.config_io import ConfigError
 from langwm_data.scenes.spec import MaterialRef, SceneSpec
 from langwm_data.sim.camera import Camera
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +78,50 @@ class BlindRenderer:
 
 
 def make_renderer(config: RenderConfig) -> Renderer:
-    """The renderer that ``config`` asks for. PyBullet is imported only here and below."""
+    """The renderer that ``config`` asks for. Engines are imported only when one is made."""
+    backend = resolve_backend(config).backend
+    if backend == "gl":
+        from langwm_data.sim.render_gl import GlRenderer
+
+        return GlRenderer(config)
+    if backend == "embree":
+        from langwm_data.sim.render_embree import EmbreeRenderer
+
+        return EmbreeRenderer(config)
     from langwm_data.sim.render_tiny import TinyRenderer
 
     return TinyRenderer(config)
+
+
+def resolve_backend(config: RenderConfig) -> RenderConfig:
+    """``config`` with ``auto`` replaced by what it means on this machine."""
+    if config.backend != "auto":
+        return config
+    return dataclasses.replace(config, backend=_best_backend(config.egl_device))
+
+
+def describe_renderer(config: RenderConfig) -> str:
+    """What draws on this machine, down to versions: pictures are the same bytes where this is the same.
+
+    Raises:
+        ConfigError: If ``config`` asks for ``gl`` and it does not open.
+    """
+    backend = resolve_backend(config).backend
+    if backend == "gl":
+        from langwm_data.sim.gl_device import gl_device
+
+        return f"gl: {gl_device(config.egl_device).description}"
+    return f"embree {version('embreex')}" if backend == "embree" else f"tiny {version('pybullet')}"
+
+
+@cache
+def _best_backend(egl_device: int) -> Literal["gl", "embree"]:
+    from langwm_data.sim.gl_device import gl_device
+
+    try:
+        device = gl_device(egl_device)
+    except ConfigError as error:
+        _log.info("renderer: embree; %s", error)
+        return "embree"
+    _log.info("renderer: gl; %s", device.description)
+    return "gl"

@@ -8,14 +8,12 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pybullet
 import pytest
 
 from langwm_data.config import CameraConfig, RenderConfig
 from langwm_data.scenes.spec import MaterialRef
 from langwm_data.sim import bullet, render_tiny
 from langwm_data.sim.camera import Camera
-from langwm_data.sim.mesh import scene_groups
 from langwm_data.sim.render import make_renderer
 from langwm_data.sim.render_tiny import TinyRenderer
 
@@ -43,34 +41,6 @@ def renderer(small_scene):
     yield renderer
     renderer.close()
     renderer.close()
-
-
-@pytest.fixture(scope="module")
-def ray_caster(small_scene):
-    """Bullet's own ray test on the same triangles: z-depth and ids by another way than rasterising."""
-    client = pybullet.connect(pybullet.DIRECT)
-    instance_of = {}
-    for group in scene_groups(small_scene):
-        shape = pybullet.createCollisionShape(
-            pybullet.GEOM_MESH,
-            vertices=group.mesh.vertices.tolist(),
-            indices=group.mesh.triangles.ravel().tolist(),
-            flags=pybullet.GEOM_FORCE_CONCAVE_TRIMESH,
-            physicsClientId=client,
-        )
-        instance_of[pybullet.createMultiBody(0, shape, physicsClientId=client)] = group.instance
-
-    def cast(camera):
-        far = camera.unproject(np.full((camera.height, camera.width), camera.far_m, np.float32)).reshape(
-            -1, 3
-        )
-        hits = pybullet.rayTestBatch([camera.position] * len(far), far.tolist(), physicsClientId=client)
-        size = camera.height, camera.width
-        depth = np.reshape([h[2] * camera.far_m if h[0] >= 0 else 0.0 for h in hits], size)
-        return depth, np.reshape([instance_of.get(h[0], 0) for h in hits], size)
-
-    yield cast
-    pybullet.disconnect(client)
 
 
 @pytest.mark.parametrize(("xy", "yaw"), VIEWS)
@@ -125,7 +95,7 @@ def test_textures_on_walls_are_upright_metric_and_not_mirrored(small_scene, monk
     picture = QUADRANTS.repeat(64, axis=0).repeat(64, axis=1)
     monkeypatch.setattr(render_tiny, "texture_image", lambda ref, size: picture)
     monkeypatch.setattr(render_tiny, "tile_size_m", lambda category: 1.0)
-    renderer = make_renderer(RenderConfig())
+    renderer = make_renderer(RenderConfig(backend="tiny"))
     renderer.load(small_scene)
     camera = view((2.0, 1.5), yaw, position=(2.0, 1.5, 1.6))
     frame = renderer.render(camera)
@@ -242,7 +212,7 @@ from langwm_data.config import CameraConfig, RenderConfig
 from langwm_data.scenes.spec import SceneSpec
 from langwm_data.sim.camera import Camera
 from langwm_data.sim.render import make_renderer
-renderer = make_renderer(RenderConfig())
+renderer = make_renderer(RenderConfig(backend="tiny"))
 renderer.load(SceneSpec.from_json(sys.stdin.read()))
 renderer.render(Camera.on_robot(CameraConfig(), (2, 1), 0))
 renderer.close()

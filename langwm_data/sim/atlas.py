@@ -1,0 +1,169 @@
+"""All textures in one large picture: where each lies, its mip levels, and how to look it up.
+
+A block holds one texture, its finest level on top, each coarser one, half as large, under it. Every level
+has a border of one texel that repeats its other side, so filtering needs no wrapping. The lookup stands
+here twice, for NumPy and for the shader. What the picture is made of is the owner's business: see
+``gl_device`` and ``render_embree``.
+"""
+
+from collections.abc import Callable, Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from langwm_data.scenes.spec import MaterialRef
+from langwm_data.scenes.textures import texture_image, tile_size_m
+
+WIDTH = 4096
+STEPS = 32
+"""Steps to a texel in which positions are rounded. Sums of a block's corner and a position in it are then
+exact, so a texture looks the same wherever in the picture it lies; and OpenCV's ``remap`` knows no finer."""
+
+Floats = NDArray[np.float32]
+Picture = NDArray[np.uint8]
+Block = tuple[float, float, float, float]
+"""Column, row and size of a texture in texels, and how often it can be halved."""
+Write = Callable[[int, int, Picture], None]
+"""Puts a picture (h, w, 3) at column x and row y."""
+
+SHADER = f"""
+uniform sampler2D atlas;
+uniform vec2 atlas_size;
+
+vec3 texel(vec4 block, vec2 tile, float size, float level) {{
+    vec2 inside = floor(tile * size * {STEPS}.0 + 0.5) / {STEPS}.0 + 1.0;
+    vec2 corner = vec2(block.x, block.y + 2.0 * (block.z - size + level));
+    return texture(atlas, (corner + inside) / atlas_size).rgb;
+}}
+
+vec3 look_up(vec4 block, vec2 tile, float level) {{
+    float clamped = clamp(level, 0.0, block.w - 1.0), below = floor(clamped);
+    float size = floor(block.z * exp2(-below) + 0.5);
+    vec2 inside = fract(tile);
+    vec3 fine = texel(block, inside, size, below);
+    return mix(fine, texel(block, inside, 0.5 * size, below + 1.0), clamped - below);
+}}
+"""
+
+
+def look_up(picture: Picture, block: Floats, tile: Floats, level: Floats) -> Floats:
+    """Colours (3, N), 0 to 255, filtered within a level and between two.
+
+    Args:
+        picture: The atlas.
+        block: (4, N), column, row, size in texels and number of halvings of each texture.
+        tile: (2, N), position on the texture; 1 is once across.
+        level: (N,), 0 is the finest.
+    """
+    clamped = np.clip(level, 0, block[3] - 1)
+    below = np.floor(clamped)
+    size = np.ldexp(block[2], -below.astype(np.int32)).astype(np.float32, copy=False)
+    inside = tile - np.floor(tile)
+    fine = _texels(picture, block, inside, size, below)
+    coarse = _texels(picture, block, inside, size * np.float32(0.5), below + 1)
+    return (fine + (coarse - fine) * (clamped - below)).astype(np.float32, copy=False)
+
+
+def _texels(picture: Picture, block: Floats, tile: Floats, size: Floats, level: Floats) -> Floats:
+    # OpenCV refuses pictures with more than 32767 rows or columns.
+    num = len(level)
+    rows = -(-num // WIDTH)
+    places = np.zeros((2, rows * WIDTH), np.float32)
+    # Texel centres lie at .5 in ``tile`` and at whole numbers for OpenCV: the border's 1, less a half.
+    inside = np.floor(tile * (size * STEPS) + 0.5) / STEPS + np.float32(0.5)
+    np.add(inside[0], block[0], out=places[0, :num])
+    np.add(inside[1], block[1] + 2 * (block[2] - size + level), out=places[1, :num])
+    x, y = places.reshape(2, rows, WIDTH)
+    found = cv2.remap(picture, x, y, cv2.INTER_LINEAR)
+    return np.stack([channel.ravel()[:num] for channel in cv2.split(found)], dtype=np.float32)
+
+
+class Atlas:
+    """Gives textures their places; the textures of all scenes and palettes stay until it is full."""
+
+    def __init__(self, texture_px: int, write: Write) -> None:
+        self.generation = 0
+        """Changes when all places are given up."""
+        self._texture_px = texture_px
+        self._write = write
+        self._blocks: dict[MaterialRef, Block] = {}
+        self._shelves: dict[int, tuple[int, int]] = {}
+        """By size: column and row where the next texture of that size goes."""
+        self._top = 0
+
+    @staticmethod
+    def shape(texture_px: int) -> tuple[int, int]:
+        """Rows and columns of the picture: room for the whole catalogue, or nearly."""
+        return 64 * texture_px, WIDTH
+
+    def place(self, material: MaterialRef) -> Block:
+        """Where a texture lies; it is drawn when it is first asked for."""
+        if material not in self._blocks:
+            size = round(tile_size_m(material.category) * self._texture_px)
+            picture = _block_picture(texture_image(material, size))
+            x, y = self._find_place(size, *picture.shape[:2])
+            self._write(x, y, picture)
+            self._blocks[material] = (x, y, size, size.bit_length() - 1)
+        return self._blocks[material]
+
+    def _find_place(self, size: int, height: int, width: int) -> tuple[int, int]:
+        x, y = self._shelves.get(size, (WIDTH, 0))
+        if x + width > WIDTH:
+            if self._top + height > self.shape(self._texture_px)[0]:
+                self._start_over()
+            x, y = 0, self._top
+            self._top += height
+        self._shelves[size] = x + width, y
+        return x, y
+
+    def _start_over(self) -> None:
+        self.generation += 1
+        self._blocks.clear()
+        self._shelves.clear()
+        self._top = 0
+
+
+class Blocks:
+    """Where the textures of one palette lie in an atlas; each is drawn when it is first needed."""
+
+    def __init__(self, atlas: Atlas, palette: Sequence[MaterialRef]) -> None:
+        self.table = np.zeros((len(palette), 4), np.float32)
+        """A row for each slot, as ``Atlas.place`` gives it; zeros where nobody asked yet."""
+        self._atlas = atlas
+        self._palette = palette
+        self._has_place = np.zeros(len(palette), np.bool_)
+        self._generation = atlas.generation
+
+    def fill(self, needed: NDArray[np.bool_]) -> bool:
+        """Fill in the slots ``needed`` (S,); whether the table changed."""
+        has_changed = False
+        while missing := self._missing(needed):
+            for slot in missing:
+                self.table[slot] = self._atlas.place(self._palette[slot])
+                self._has_place[slot] = True
+            has_changed = True
+        return has_changed
+
+    def _missing(self, needed: NDArray[np.bool_]) -> list[int]:
+        if self._generation != self._atlas.generation:
+            self._generation = self._atlas.generation
+            self._has_place[:] = False
+        return np.flatnonzero(needed & ~self._has_place).tolist()
+
+
+def _block_picture(texture: Picture) -> Picture:
+    """A texture and its mip levels, v upwards, each level with its border."""
+    size = len(texture)
+    halvings = size.bit_length() - 1
+    assert size == 1 << halvings, size
+    block = np.zeros((2 * size + 2 * halvings + 1, size + 2, 3), np.uint8)
+    level, row = texture[::-1], 0
+    for _ in range(halvings + 1):
+        edge = len(level) + 2
+        block[row : row + edge, :edge] = np.pad(level, ((1, 1), (1, 1), (0, 0)), "wrap")
+        row += edge
+        if len(level) > 1:
+            level = cv2.resize(level, (len(level) // 2,) * 2, interpolation=cv2.INTER_AREA)
+    assert row == len(block)
+    return block
