@@ -7,8 +7,8 @@
     OUT/annotations/panoptic_<split>/<key>.png  their segment ids
     OUT/done                                    written last: the export is complete
 
-Annotations are written as frames are read, so memory holds one frame and the dataset's index of frames,
-whatever their number. An export without ``done`` is made again from the start.
+Annotations are written as frames are read: memory holds one frame, and of all others their rows of the
+index, less than 3 kB each. An export without ``done`` is made again from the start.
 """
 
 import dataclasses
