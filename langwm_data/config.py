@@ -87,7 +87,7 @@ class LightsConfig:
 class RenderConfig:
     """How a scene becomes pixels."""
 
-    backend: Literal["auto", "gl", "embree", "tiny"] = "tiny"
+    backend: Literal["auto", "gl", "embree", "tiny"] = "auto"
     """``gl``: OpenGL through EGL, on a GPU or in software; ``embree``: ray casting on the CPU;
     ``tiny``: PyBullet's TinyRenderer; ``auto``: ``gl`` where it opens, else ``embree``."""
     egl_device: Annotated[int, Field(ge=0)] = 0

@@ -1,5 +1,6 @@
 """Render a dataset: plan, workers, shards, index, manifest. Safe to stop and start again anywhere."""
 
+import dataclasses
 import hashlib
 import json
 import logging
@@ -19,6 +20,7 @@ from langwm_data.shards.sample import MILLIMETRES
 from langwm_data.shards.scenes import SCENES_DIR, scene_path
 from langwm_data.shards.writer import WORK_DIR, complete_shard, shard_path
 from langwm_data.sim.camera import Camera
+from langwm_data.sim.render import describe_renderer, resolve_backend
 from langwm_data.workers import WorkerPool
 
 _log = logging.getLogger(__name__)
@@ -52,11 +54,12 @@ def render_dataset(
         OSError: If the disk is full or cannot be written; complete shards are kept.
         ChildProcessError: If a worker process is killed; complete shards are kept.
     """
+    mark = fingerprint(config)  # refuses a renderer that does not open, before anything is written
     claim_output(out, config, fresh=fresh)
     if (out / MANIFEST_FILE).is_file():
         _log.info("the dataset at %s is complete; nothing to do", out)
         return out
-    _discard_other_work(out, fingerprint(config))
+    _discard_other_work(out, mark)
     tasks = plan_shards(config)
     todo = [t for t in tasks if complete_shard(out, shard_path(t.split, t.number)) is None]
     if len(todo) < len(tasks):
@@ -76,7 +79,7 @@ def fingerprint(config: DatasetConfig) -> str:
         "config": values,
         "generator": GENERATOR,
         "schema_version": SCHEMA_VERSION,
-        "renderer": config.render.backend,
+        "renderer": describe_renderer(config.render),
     }
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
 
@@ -110,6 +113,8 @@ def _render(
 
     progress(done, config.frames)
     num_workers = min(workers, max(len(todo), len(bake)))
+    # All workers draw with what the fingerprint names.
+    config = dataclasses.replace(config, render=resolve_backend(config.render))
     with WorkerPool(partial(RenderWorker, config, out), num_workers) as pool:
         pool.run(bake, _ignore)
         pool.run(todo, report)
@@ -120,7 +125,7 @@ def _origin(config: DatasetConfig) -> Origin:
     return Origin(
         generator=GENERATOR,
         fingerprint=fingerprint(config),
-        renderer=config.render.backend,
+        renderer=describe_renderer(config.render),
         config=config_to_dict(config),
         camera=CameraRecord(
             height=camera.height,

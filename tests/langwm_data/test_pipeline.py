@@ -1,5 +1,6 @@
 """The whole of stage one on real homes, small and few."""
 
+import dataclasses
 import errno
 import os
 import signal
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from langwm_data import ShardDataset, pipeline, render_dataset
-from langwm_data.config import DatasetConfig
+from langwm_data.config import DatasetConfig, RenderConfig
 from langwm_data.config_io import ConfigError, build_config, config_to_yaml
 from langwm_data.labels.amodal import amodal_extents, scene_solids
 from langwm_data.labels.instances import label_frame
@@ -20,7 +21,7 @@ from langwm_data.scenes.splits import HELD_OUT_TEXTURE_IDS
 from langwm_data.shards.manifest import MANIFEST_FILE, read_manifest
 from langwm_data.shards.writer import WORK_DIR, TarWriter, sha256_of
 from langwm_data.sim.camera import Camera
-from langwm_data.sim.render import make_renderer
+from langwm_data.sim.render import describe_renderer, make_renderer
 
 CONFIG = build_config(
     DatasetConfig,
@@ -75,7 +76,7 @@ SCRIPT = """
 import sys
 from pathlib import Path
 from langwm_data import render_dataset
-from langwm_data.config import DatasetConfig
+from langwm_data.config import DatasetConfig, RenderConfig
 from langwm_data.config_io import load_config_file
 
 if __name__ == "__main__":
@@ -184,13 +185,29 @@ def test_fresh_starts_over(begun, small):
 def test_the_manifest_tells_how_and_what(folder, dataset):
     manifest = read_manifest(folder)
     assert manifest.fingerprint == pipeline.fingerprint(CONFIG)
-    assert (manifest.frames, manifest.renderer, manifest.generator) == (8, "tiny", pipeline.GENERATOR)
+    assert (manifest.frames, manifest.generator) == (8, pipeline.GENERATOR)
+    assert manifest.renderer == describe_renderer(CONFIG.render)
     assert {name: s.frames for name, s in manifest.splits.items()} == {"train": 6, "test": 2}
     assert Camera.on_robot(CONFIG.camera, (0, 0), 0).intrinsics.tolist() == manifest.camera.K
     assert [s.samples for s in manifest.shards] == [3, 3, 2]
     for shard in manifest.shards:
         assert sha256_of(folder / shard.path) == shard.sha256
     assert manifest.captions == sum(len(o["captions"]) for s in dataset for o in s.meta["objects"])
+
+
+def test_every_renderer_has_a_fingerprint_of_its_own():
+    marks = [
+        pipeline.fingerprint(dataclasses.replace(CONFIG, render=RenderConfig(backend=backend)))
+        for backend in ("embree", "tiny")
+    ]
+    assert marks[0] != marks[1]
+
+
+def test_a_renderer_that_does_not_open_is_refused_before_anything_is_written(tmp_path):
+    config = dataclasses.replace(CONFIG, render=RenderConfig(backend="gl", egl_device=99))
+    with pytest.raises(ConfigError, match=r"'render\.egl_device': value 99 opens no OpenGL"):
+        render_dataset(config, tmp_path / "data")
+    assert not (tmp_path / "data").exists()
 
 
 def test_frames_can_be_rendered_again_from_what_is_stored(dataset):

@@ -324,7 +324,8 @@ def test_close_frees_every_physics_client(small_scene):
         return {c for c in range(100) if bullet.isConnected(c)}
 
     before = connected()
-    env = PointNavEnv(SMALL, scenes=[small_scene])
+    render = RenderConfig(backend="tiny", texture_px=16)
+    env = PointNavEnv(dataclasses.replace(SMALL, render=render), scenes=[small_scene])
     env.reset(seed=0)
     assert connected() > before
     env.close()

@@ -1,7 +1,6 @@
 """What is behind a pixel, asked of a library that is no renderer."""
 
 import numpy as np
-import pybullet
 import pytest
 
 from langwm_data.sim.mesh import scene_groups
@@ -10,6 +9,7 @@ from langwm_data.sim.mesh import scene_groups
 @pytest.fixture(scope="module")
 def ray_caster(small_scene):
     """Bullet's own ray test on the same triangles: z-depth and ids by another way than rasterising."""
+    pybullet = pytest.importorskip("pybullet")
     client = pybullet.connect(pybullet.DIRECT)
     instance_of = {}
     for group in scene_groups(small_scene):
