@@ -1,0 +1,152 @@
+"""Prove from the shards that training shows nothing of what is held out for testing.
+
+Owns the walk over all documents. What counts as a leak stands in ``leaks``; names of files, manifests and
+the index are not asked, because they could say anything.
+"""
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from langwm_data.scenes.spec import Split
+from langwm_data.shards.document import parse_document
+from langwm_data.shards.every_shard import ShardCheck, check_every_shard
+from langwm_data.shards.findings import Finding, foreign
+from langwm_data.shards.folder_check import check_places
+from langwm_data.shards.leaks import Shown, sample_leaks
+from langwm_data.shards.manifest import ShardRecord, read_manifest
+from langwm_data.shards.sample import META_KEY, DatasetError
+from langwm_data.shards.shard_check import MAX_FINDINGS
+from langwm_data.shards.tar_walk import RawSample, walk_samples
+from langwm_data.workers import Report
+
+
+@dataclass(frozen=True, kw_only=True)
+class OodReport:
+    """What the splits show, and what leaked."""
+
+    shown: dict[Split, Shown]
+    held_out_models: frozenset[str]
+    findings: tuple[Finding, ...]
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether nothing leaked and everything could be read."""
+        return not self.findings
+
+    def as_text(self) -> str:
+        """The counts behind the verdict, each leak, and the verdict."""
+        lines = [f"{split}: {shown.as_text()}" for split, shown in self.shown.items()]
+        if len(self.shown) == 2:
+            train, test = self.shown["train"], self.shown["test"]
+            lines.append(
+                f"in both: {len(train.buildings.keys() & test.buildings.keys())} buildings,"
+                f" {len(train.textures.keys() & test.textures.keys())} textures,"
+                f" {len(train.models.keys() & test.models.keys())} models"
+                f" ({len(self.held_out_models)} models are held out)"
+            )
+        lines += map(str, self.findings)
+        if self.is_sound:
+            return "\n".join([*lines, "proved: no held-out building, model or texture appears in training"])
+        return "\n".join([*lines, f"NOT PROVED: {len(self.findings)} findings"])
+
+
+def verify_ood(
+    path: Path | str,
+    *,
+    held_out_models: frozenset[str] = frozenset(),
+    workers: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> OodReport:
+    """Read every document in every shard and compare what the two splits show.
+
+    Args:
+        path: Folder that holds ``dataset.json``.
+        held_out_models: Models that only test frames may show. The procedural furniture holds out none:
+            buildings of both splits choose from the same models.
+        workers: Processes. More than one needs a script guarded by ``if __name__ == "__main__":``.
+        progress: Called with frames done and frames in all.
+
+    Raises:
+        DatasetError: If there is no finished dataset at ``path``, or its manifest is damaged.
+    """
+    folder = Path(path)
+    manifest = read_manifest(folder)
+    findings = list(check_places(folder, manifest))
+    tasks = [ShardCheck(number=n, record=record) for n, record in enumerate(manifest.shards)]
+    make_check = partial(OodChecker, folder, held_out_models)
+    shown: dict[Split, Shown] = {split: Shown() for split in manifest.splits}
+    for task, answer in zip(tasks, check_every_shard(make_check, tasks, workers, progress), strict=True):
+        findings += [Finding(**value) for value in answer["findings"]]
+        shown.setdefault(task.record.split, Shown()).update(Shown(**answer["shown"]))
+    if len(shown) == 2:
+        findings += _in_both(shown["train"], shown["test"])
+    return OodReport(shown=shown, held_out_models=held_out_models, findings=tuple(findings))
+
+
+class OodChecker:
+    """Reads the documents of shards and says what they show and what of it is a leak."""
+
+    def __init__(self, folder: Path, held_out_models: frozenset[str]) -> None:
+        self._folder, self._held_out_models = folder, held_out_models
+
+    def __call__(self, task: ShardCheck, report: Report) -> dict[str, Any]:
+        """Findings and what is shown, as JSON."""
+        shown = Shown()
+        findings = list(islice(self._check(task.record, shown, report), MAX_FINDINGS))
+        return {
+            "findings": [dataclasses.asdict(finding) for finding in findings],
+            "shown": dataclasses.asdict(shown),
+        }
+
+    def _check(self, record: ShardRecord, shown: Shown, report: Report) -> Iterator[Finding]:
+        path = self._folder / record.path
+        if not path.is_file():
+            yield Finding(where=record.path, what="is not a plain file" if path.exists() else "is missing")
+            return
+        samples = 0
+        try:
+            with path.open("rb") as file:
+                for samples, raw in enumerate(walk_samples(file.read), start=1):  # noqa: B007
+                    for leak in self._sample_leaks(raw, record.split, shown):
+                        yield Finding(where=record.path, key=raw.key, what=leak)
+                    report(1)
+        except DatasetError as error:
+            yield Finding(where=record.path, what=str(error))
+        if samples != record.samples:
+            yield Finding(
+                where=record.path, what=f"has {samples} samples; the manifest says {record.samples}"
+            )
+
+    def _sample_leaks(self, raw: RawSample, split: Split, shown: Shown) -> list[str]:
+        if raw.faults:
+            return raw.faults
+        try:
+            document = parse_document(raw.files[META_KEY])
+        except DatasetError as error:
+            return [str(error)]
+        shown.add(document, raw.key)
+        leaks = sample_leaks(document, split, self._held_out_models)
+        if document["split"] != split:
+            leaks.append(f"split is {foreign(document['split'])} in a shard of {split}")
+        return leaks
+
+
+def _in_both(train: Shown, test: Shown) -> list[Finding]:
+    """Buildings and textures that both splits show, by a test frame and a training frame that do."""
+    return [
+        Finding(
+            where="train",
+            key=tables[0][name],
+            what=f"{kind} {foreign(name)} is shown by test frame {tables[1][name]} too",
+        )
+        for kind, tables in (
+            ("building", (train.buildings, test.buildings)),
+            ("texture", (train.textures, test.textures)),
+        )
+        for name in sorted(tables[0].keys() & tables[1].keys())
+    ]

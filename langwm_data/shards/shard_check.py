@@ -1,0 +1,217 @@
+"""Look at one shard from its first byte to its last, and at its rows of the index.
+
+Owns the order of the checks and what is skipped where an earlier one failed. What each check asks
+stands in ``tar_walk``, ``checks`` and ``index_check``.
+"""
+
+import dataclasses
+import hashlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import groupby, islice
+from operator import itemgetter
+from pathlib import Path
+from typing import Any, BinaryIO, cast
+
+from langwm_data.config import DatasetConfig
+from langwm_data.config_io import build_config
+from langwm_data.scenes.spec import Split
+from langwm_data.shards.checks import (
+    SceneRecord,
+    camera_faults,
+    chosen_caption_faults,
+    identity_faults,
+    label_faults,
+    read_caption,
+    read_images,
+)
+from langwm_data.shards.document import SampleDocument, parse_document
+from langwm_data.shards.every_shard import ShardCheck
+from langwm_data.shards.findings import Finding, foreign
+from langwm_data.shards.index import FRAMES_SCHEMA, OBJECTS_SCHEMA, frame_row, object_rows
+from langwm_data.shards.index_check import RowReader, open_index, row_fault
+from langwm_data.shards.leaks import sample_leaks
+from langwm_data.shards.manifest import FRAMES_FILE, OBJECTS_FILE, ShardRecord, read_manifest
+from langwm_data.shards.sample import CAPTION_KEY, META_KEY, DatasetError, Sample
+from langwm_data.shards.scenes import read_scene
+from langwm_data.shards.tar_walk import RawSample, walk_samples
+from langwm_data.workers import Report
+
+MAX_FINDINGS = 100
+"""Of one shard; one with more is not read to its end."""
+
+_CHUNK = 1 << 20
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rows:
+    """What the index says of one sample."""
+
+    frame: dict[str, Any]
+    objects: list[dict[str, Any]]
+
+
+class HashingFile:
+    """A file that is read once from start to end, and the SHA-256 of what was read."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self._digest = hashlib.sha256()
+
+    def read(self, size: int) -> bytes:
+        """At most ``size`` bytes."""
+        data = self._file.read(size)
+        self._digest.update(data)
+        return data
+
+    def finish(self) -> str:
+        """Read the rest; the SHA-256 of all."""
+        while self.read(_CHUNK):
+            pass
+        return self._digest.hexdigest()
+
+
+class ShardChecker:
+    """Looks at shards of one dataset, in ascending order because rows of the index are read once.
+
+    Args:
+        folder: The dataset.
+        scenes: Names of its scenes that are sound.
+    """
+
+    def __init__(self, folder: Path, scenes: frozenset[str]) -> None:
+        self._folder = folder
+        self._sound_scenes = scenes
+        self._manifest = read_manifest(folder)
+        self._config = build_config(DatasetConfig, self._manifest.config)
+        self._scenes: dict[str, SceneRecord] = {}
+
+    def __call__(self, task: ShardCheck, report: Report) -> list[dict[str, str]]:
+        """The findings as JSON; ``report`` hears of every frame."""
+        findings = list(islice(self._check(task, report), MAX_FINDINGS + 1))
+        if len(findings) > MAX_FINDINGS:
+            what = f"more than {MAX_FINDINGS} things are wrong; the rest of it was not looked at"
+            findings[-1] = Finding(where=task.record.path, what=what)
+        return [dataclasses.asdict(finding) for finding in findings]
+
+    def _check(self, task: ShardCheck, report: Report) -> Iterator[Finding]:
+        record, where = task.record, task.record.path
+        path = self._folder / where
+        if not path.is_file():
+            yield Finding(where=where, what="is not a plain file" if path.exists() else "is missing")
+            return
+        if (size := path.stat().st_size) != record.bytes:
+            yield Finding(where=where, what=f"has {size} bytes; the manifest says {record.bytes}")
+        samples = 0
+        rows = self._rows(task)
+        with path.open("rb") as raw:
+            file = HashingFile(raw)
+            try:
+                for sample in walk_samples(file.read):
+                    samples += 1
+                    yield from self._check_sample(sample, record, next(rows, None))
+                    report(1)
+            except DatasetError as error:
+                yield Finding(where=where, what=str(error))
+            if samples != record.samples:
+                yield Finding(where=where, what=f"has {samples} samples; the manifest says {record.samples}")
+            if file.finish() != record.sha256:
+                yield Finding(where=where, what="its SHA-256 is not that of the manifest")
+
+    def _check_sample(self, raw: RawSample, record: ShardRecord, rows: Rows | None) -> Iterator[Finding]:
+        try:
+            sample, faults = self._open_sample(raw, record.split)
+        except DatasetError as error:
+            sample, faults = None, [str(error)]
+        for fault in faults:
+            yield Finding(where=record.path, key=raw.key, what=fault)
+        if sample is not None and rows is not None:
+            yield from _row_findings(rows, sample, record.path, raw.places)
+
+    def _open_sample(self, raw: RawSample, split: Split) -> tuple[Sample | None, list[str]]:
+        """The sample where its files can be trusted, and what is wrong with it.
+
+        Raises:
+            DatasetError: If one of its files cannot be read.
+        """
+        if raw.faults:
+            return None, raw.faults
+        rgb, depth, instance = read_images(raw.files, self._manifest.camera)
+        document = parse_document(raw.files[META_KEY])
+        if faults := self._document_faults(raw.key, document, split):
+            return None, faults
+        sample = Sample(
+            key=raw.key,
+            rgb=rgb,
+            depth=depth,
+            instance=instance,
+            meta=cast(dict[str, Any], document),
+            caption=read_caption(raw.files[CAPTION_KEY]),
+        )
+        return sample, self._truth_faults(sample, document)
+
+    def _document_faults(self, key: str, document: SampleDocument, split: Split) -> list[str]:
+        """What the document says without a look at the images."""
+        scene = self._scene(document["scene"], split)
+        if scene is None:
+            return [f"scene {foreign(document['scene'])} is no sound scene of the {split} split"]
+        return [
+            *identity_faults(key, document, split, scene),
+            *camera_faults(document["camera"], self._manifest.camera),
+            *sample_leaks(document, split),
+        ]
+
+    def _truth_faults(self, sample: Sample, document: SampleDocument) -> list[str]:
+        """Whether labels and captions are what the images say."""
+        scene, objects = self._scenes[document["scene"]], document["objects"]
+        return [
+            *label_faults(sample, objects, scene, self._config.labels),
+            *chosen_caption_faults(sample.caption, objects),
+        ]
+
+    def _scene(self, name: str, split: Split) -> SceneRecord | None:
+        """A sound scene of a split, read once."""
+        record = self._manifest.splits.get(split)
+        if record is None or name not in record.scenes or name not in self._sound_scenes:
+            return None
+        if name not in self._scenes:
+            self._scenes[name] = SceneRecord.of(read_scene(self._folder, name))
+        return self._scenes[name]
+
+    def _rows(self, task: ShardCheck) -> Iterator[Rows]:
+        """The index's rows of each sample in turn; none where the index cannot be compared."""
+        if task.frames is None or task.objects is None:
+            return
+        groups = groupby(self._objects.take(task.objects), itemgetter("key"))
+        group = next(groups, None)
+        for frame in self._frames.take(task.frames):
+            objects = []
+            if group is not None and group[0] == frame["key"]:
+                objects, group = list(group[1]), next(groups, None)
+            yield Rows(frame=frame, objects=objects)
+
+    @cached_property
+    def _frames(self) -> RowReader:
+        return RowReader(open_index(self._folder / FRAMES_FILE, FRAMES_SCHEMA, self._manifest.frames))
+
+    @cached_property
+    def _objects(self) -> RowReader:
+        return RowReader(open_index(self._folder / OBJECTS_FILE, OBJECTS_SCHEMA, self._manifest.objects))
+
+
+def _row_findings(
+    rows: Rows, sample: Sample, shard: str, places: Mapping[str, tuple[int, int]]
+) -> Iterator[Finding]:
+    """Whether the index says of a sample what it would say if it were made now."""
+    if fault := row_fault(rows.frame, frame_row(sample, shard, places)):
+        yield Finding(where=FRAMES_FILE, key=sample.key, what=fault)
+    made = object_rows(sample)
+    if len(made) != len(rows.objects):
+        what = f"it has {len(rows.objects)} rows; the sample has {len(made)} objects"
+        yield Finding(where=OBJECTS_FILE, key=sample.key, what=what)
+        return
+    for found, again in zip(rows.objects, made, strict=True):
+        if fault := row_fault(found, again):
+            what = f"object {again['instance']}: {fault}"
+            yield Finding(where=OBJECTS_FILE, key=sample.key, what=what)
