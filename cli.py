@@ -119,6 +119,9 @@ def train_agent_command(
     out: Out,
     system: Annotated[str, typer.Option("--system", help="Which agent.")] = "langwm",
     mae: Annotated[Path | None, typer.Option("--mae", help="Run of pretrain-mae.")] = None,
+    data: Annotated[
+        Path | None, typer.Option("--data", help="Dataset whose baked scenes are read, not made again.")
+    ] = None,
     features: Annotated[str | None, typer.Option("--features", help="frozen or finetuned.")] = None,
     steps: Steps = None,
     preset: Preset = [],  # noqa: B006
@@ -131,7 +134,9 @@ def train_agent_command(
     from agent.train import train_agent
 
     flags = {"system": system, "mae": None if mae is None else str(mae), "features": features}
-    config = _load(AgentConfig, "agent", preset, assignments, {**flags, "steps": steps, "seed": seed})
+    flags |= {"steps": steps, "seed": seed}
+    flags["env"] = None if data is None else {"scenes": {"baked": str(data)}}
+    config = _load(AgentConfig, "agent", preset, assignments, flags)
     with _progress("environment steps") as progress:
         path = train_agent(config, out, fresh=fresh, progress=progress)
     typer.echo(f"agent at {path}; score it with: langwm evaluate-agent {path}")

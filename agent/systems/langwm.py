@@ -6,7 +6,7 @@ trained stands in ``learner``.
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -174,7 +174,8 @@ class Agent:
             "text": model.mae.text,
             "world_model": model.world_model.config,
             "behavior": model.behavior.config,
-            "env": self.env,
+            # Where baked scenes lay while it was trained is nothing to whoever is handed the agent.
+            "env": replace(self.env, scenes=replace(self.env.scenes, baked=None)),
         }
         held = {name: config_to_dict(part) for name, part in parts.items()}
         header = {"schema_version": SCHEMA_VERSION, "system": "langwm", "action_dim": model.action_dim}

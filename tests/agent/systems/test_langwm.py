@@ -65,6 +65,12 @@ def test_saved_agent_acts_the_same(agent, make_room, tmp_path):
         np.testing.assert_array_equal(play(agent, make_room(), 4)[0], play(loaded, make_room(), 4)[0])
 
 
+def test_a_saved_agent_forgets_where_its_scenes_were_read(agent, tmp_path):
+    scenes = dataclasses.replace(agent.env.scenes, baked="somewhere")
+    Agent(agent.model, dataclasses.replace(agent.env, scenes=scenes)).save_pretrained(tmp_path)
+    assert Agent.from_pretrained(tmp_path).env == agent.env
+
+
 def test_a_folder_without_an_agent_is_refused(tmp_path):
     with pytest.raises(ValueError, match="holds no trained agent"):
         Agent.from_pretrained(tmp_path)
