@@ -1,3 +1,5 @@
+import dataclasses
+
 import pytest
 
 from agent.config import AgentConfig
@@ -33,8 +35,11 @@ def test_paper_preset_equals_table_3():
     assert (config.update_every, config.steps, config.replay.capacity_steps) == (5, 100_000, 300_000)
 
 
-def test_paper_preset_is_the_default():
-    assert load("paper") == AgentConfig()
+def test_paper_preset_is_the_default_but_for_the_literal_reward_loss():
+    paper, default = load("paper"), AgentConfig()
+    assert paper.finetune.model == dataclasses.replace(default.finetune.model, reward_loss="mse")
+    finetune = dataclasses.replace(paper.finetune, model=default.finetune.model)
+    assert dataclasses.replace(paper, finetune=finetune) == default
 
 
 def test_tiny_keeps_the_papers_latents():
