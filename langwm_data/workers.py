@@ -1,7 +1,8 @@
 """A pool of processes that do tasks and report progress, or the same in this process.
 
 Owns what may go wrong with processes: a worker that dies, an error in one, an interrupted or killed
-parent. Workers end by themselves when the parent is gone, because their pipe to it closes.
+parent, memory that grows. Workers end by themselves when the parent is gone, because their pipe to it
+closes.
 """
 
 import logging
@@ -9,7 +10,7 @@ import multiprocessing
 import signal
 import traceback
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, suppress
+from contextlib import AbstractContextManager, ExitStack, suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from types import TracebackType
@@ -31,42 +32,45 @@ class WorkerPool:
 
     Processes are spawned, not forked: scripts that use more than one need the usual
     ``if __name__ == "__main__":``.
+
+    Args:
+        make_worker: Makes what does the tasks.
+        num_workers: How many at once.
+        tasks_per_worker: After so many tasks a worker, and the process that holds it, gives way to a new
+            one, so that memory that libraries do not give back stays bounded. Never where it is not given.
     """
 
-    def __init__(self, make_worker: WorkerFactory, num_workers: int) -> None:
+    def __init__(
+        self, make_worker: WorkerFactory, num_workers: int, *, tasks_per_worker: int | None = None
+    ) -> None:
         assert num_workers >= 1, num_workers
+        assert tasks_per_worker is None or tasks_per_worker >= 1, tasks_per_worker
         self._make_worker = make_worker
         self._num_workers = num_workers
+        self._tasks_per_worker = tasks_per_worker
         self._pipes: dict[Connection, BaseProcess] = {}
-        self._local: AbstractContextManager[Worker] | None = None
-        self._work: Worker | None = None
+        self._tasks_done: dict[Connection, int] = {}
+        self._retired: list[BaseProcess] = []
+        self._local: _LocalWorker | None = None
 
     def __enter__(self) -> Self:
         if self._num_workers == 1:
-            self._local = self._make_worker()
-            self._work = self._local.__enter__()
+            self._local = _LocalWorker(self._make_worker, self._tasks_per_worker)
             return self
-        context = multiprocessing.get_context("spawn")
         for number in range(self._num_workers):
-            ours, theirs = context.Pipe()
-            process = context.Process(
-                target=_serve, args=(theirs, self._make_worker), name=f"worker-{number}", daemon=True
-            )
-            process.start()
-            theirs.close()
-            self._pipes[ours] = process
+            self._start(f"worker-{number}")
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._local is not None:
-            self._local.__exit__(kind, error, trace)
+            self._local.close()
         for pipe, process in self._pipes.items():
             if error is not None:
                 process.terminate()
             pipe.close()
-        for process in self._pipes.values():
+        for process in [*self._retired, *self._pipes.values()]:
             process.join(_JOIN_S)
             process.kill()
 
@@ -77,13 +81,13 @@ class WorkerPool:
             ChildProcessError: If a worker process dies.
             Exception: What a task raised. Tasks that are done stay done.
         """
-        if self._work is not None:
+        if self._local is not None:
             for task in tasks:
-                self._work(task, report)
+                self._local.work(task, report)
             return
         waiting = list(reversed(tasks))
         busy: dict[Connection, Any] = {}
-        for pipe in self._pipes:
+        for pipe in list(self._pipes):
             self._hand_out(pipe, waiting, busy)
         while busy:
             for pipe in wait(list(busy)):
@@ -98,10 +102,31 @@ class WorkerPool:
                 self._hand_out(pipe, waiting, busy)
 
     def _hand_out(self, pipe: Connection, waiting: list[Any], busy: dict[Connection, Any]) -> None:
-        if waiting:
-            busy[pipe] = waiting.pop()
-            with suppress(BrokenPipeError):  # A dead worker is noticed when its answer is read.
-                pipe.send(busy[pipe])
+        if not waiting:
+            return
+        if self._tasks_done[pipe] == self._tasks_per_worker:
+            pipe = self._replace(pipe)
+        self._tasks_done[pipe] += 1
+        busy[pipe] = waiting.pop()
+        with suppress(BrokenPipeError):  # A dead worker is noticed when its answer is read.
+            pipe.send(busy[pipe])
+
+    def _start(self, name: str) -> Connection:
+        context = multiprocessing.get_context("spawn")
+        ours, theirs = context.Pipe()
+        process = context.Process(target=_serve, args=(theirs, self._make_worker), name=name, daemon=True)
+        process.start()
+        theirs.close()
+        self._pipes[ours], self._tasks_done[ours] = process, 0
+        return ours
+
+    def _replace(self, pipe: Connection) -> Connection:
+        """A new process for one that has done its share, which ends because its pipe closes."""
+        process = self._pipes.pop(pipe)
+        pipe.close()
+        process.join(_JOIN_S)
+        self._retired = [p for p in [*self._retired, process] if p.is_alive()]
+        return self._start(process.name)
 
     def _receive(self, pipe: Connection, task: object) -> int | Exception | None:
         try:
@@ -113,6 +138,30 @@ class WorkerPool:
                 f"worker process {process.name} died ({_ending(process.exitcode)}) during {task};"
                 " what was finished is kept, the same command goes on from there"
             ) from None
+
+
+class _LocalWorker:
+    """One worker in this process, made anew after its share of tasks."""
+
+    def __init__(self, make_worker: WorkerFactory, tasks_per_worker: int | None) -> None:
+        self._make_worker = make_worker
+        self._tasks_per_worker = tasks_per_worker
+        self._tasks_done = 0
+        self._held = ExitStack()
+        self._work = self._held.enter_context(make_worker())
+
+    def work(self, task: object, report: Report) -> None:
+        """Do one task."""
+        if self._tasks_done == self._tasks_per_worker:
+            self.close()
+            self._work = self._held.enter_context(self._make_worker())
+            self._tasks_done = 0
+        self._tasks_done += 1
+        self._work(task, report)
+
+    def close(self) -> None:
+        """Free what the worker holds."""
+        self._held.close()
 
 
 def _serve(pipe: Connection, make_worker: WorkerFactory) -> None:

@@ -55,6 +55,41 @@ def test_a_killed_worker_is_reported():
         pool.run(["die"], int)
 
 
+class Counter:
+    """A worker that reports which process it is in, and how many tasks it has done itself."""
+
+    def __enter__(self):
+        self.done = 0
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def __call__(self, task, report):
+        self.done += 1
+        report(os.getpid() * 100 + self.done)
+
+
+@pytest.mark.parametrize("num_workers", [1, 2])
+def test_a_worker_gives_way_to_a_new_one_after_its_share_of_tasks(num_workers):
+    reported = []
+    with WorkerPool(Counter, num_workers, tasks_per_worker=2) as pool:
+        pool.run(range(3), reported.append)
+        pool.run(range(4), reported.append)
+    assert len(reported) == 7
+    assert {value % 100 for value in reported} == {1, 2}
+    pids = {value // 100 for value in reported}
+    assert pids == {os.getpid()} if num_workers == 1 else len(pids) >= 4
+    assert not any(is_running(pid) for pid in pids - {os.getpid()})
+
+
+def test_without_a_share_a_worker_stays():
+    reported = []
+    with WorkerPool(Counter, 1) as pool:
+        pool.run(range(5), reported.append)
+    assert [value % 100 for value in reported] == [1, 2, 3, 4, 5]
+
+
 ORPHANS = """
 import os, signal, sys, time
 from langwm_data.workers import WorkerPool
