@@ -135,8 +135,10 @@ class Blocks:
         self._has_place = np.zeros(len(palette), np.bool_)
         self._generation = atlas.generation
 
-    def fill(self, needed: NDArray[np.bool_]) -> bool:
-        """Fill in the slots ``needed`` (S,); whether the table changed."""
+    def fill_seen(self, slots: NDArray[np.int32]) -> bool:
+        """Fill in the rows of ``slots``, any number in any shape; whether the table changed."""
+        needed = np.zeros(len(self._palette), np.bool_)
+        needed[slots] = True
         has_changed = False
         while missing := self._missing(needed):
             for slot in missing:

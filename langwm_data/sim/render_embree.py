@@ -142,11 +142,8 @@ class EmbreeRenderer:
 
     def _shade(self, camera: Camera, ray: Floats, hit: Surfaces) -> NDArray[np.uint8]:
         """Colours (N, 3) of what rays (3, N) hit."""
-        assert self._scene is not None
         slot = self._mesh.face_slot[hit.face]
-        needed = np.zeros(len(self._scene.slots), np.bool_)
-        needed[slot] = True
-        self._blocks.fill(needed)
+        self._blocks.fill_seen(slot)
         block = self._blocks.table.T.take(slot, axis=1)
         texture_px = self._config.texture_px
         level = level_of_detail(hit.normal, ray, hit.depth, texture_px / camera.focal_px)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from langwm_data.config import RenderConfig
 from langwm_data.scenes.spec import MaterialRef, SceneSpec
-from langwm_data.sim.antialias import QUARTERS, find_open_quarters, smooth_edges
+from langwm_data.sim.antialias import QUARTERS, OpenQuarters, find_open_quarters, smooth_edges
 from langwm_data.sim.atlas import Blocks
 from langwm_data.sim.camera import Camera
 from langwm_data.sim.gl_device import FACE_COLUMNS, Targets, gl_device
@@ -60,17 +60,24 @@ class GlRenderer:
     def render(self, camera: Camera) -> Frame:
         """Draw the scene held."""
         assert self._held, "load a scene first"
+        device, targets = self._device, self._device.targets(camera.width, camera.height)
         triangles = self._mesh.visible_triangles(camera)
         if len(triangles):
             self._indices.write(triangles)
-        self._place_textures(triangles)
         self._set_camera(camera)
-        targets = self._device.targets(camera.width, camera.height)
-        self._device.draw(targets.centers, self._surfaces, len(triangles))
+        device.draw(targets.centers, self._surfaces, len(triangles))
+        surface = np.empty((camera.height, camera.width, 2), np.float32)
+        targets.centers.read_into(surface, components=2, dtype="f4", alignment=1)
+        faces = surface[..., 1].astype(np.int32)
+        self._place_textures(faces)
+        device.shade(targets, {"atlas": self._picture, "face_table": self._face_table})
+        rgb = np.empty((*faces.shape, 3), np.uint8)
+        targets.picture.read_into(rgb, components=3, alignment=1)
         if self._config.is_antialiased:
-            self._device.draw(targets.quarters, self._faces, len(triangles))
-        self._device.shade(targets, {"atlas": self._picture, "face_table": self._face_table})
-        return self._read(targets, camera)
+            device.draw(targets.quarters, self._faces, len(triangles))
+            quarters = find_open_quarters(faces)
+            smooth_edges(rgb, faces, quarters, _read_quarters(targets, quarters, faces.shape))
+        return Frame(rgb=rgb, depth=surface[..., 0].copy(), instance=self._mesh.face_instance[faces])
 
     def close(self) -> None:
         """Free the scene held; a second call does nothing."""
@@ -81,12 +88,9 @@ class GlRenderer:
     def _use_palette(self) -> None:
         self._blocks = Blocks(self._atlas, self._scene.palette)
 
-    def _place_textures(self, triangles: NDArray[np.int32]) -> None:
-        mesh = self._mesh
-        needed = np.zeros(len(self._scene.slots), np.bool_)
-        needed[mesh.face_slot[mesh.faces[triangles[:, 0]]]] = True
-        if self._blocks.fill(needed):
-            self._face_table.write(_face_table(mesh, self._blocks.table))
+    def _place_textures(self, faces: NDArray[np.int32]) -> None:
+        if self._blocks.fill_seen(self._mesh.face_slot[faces]):
+            self._face_table.write(_face_table(self._mesh, self._blocks.table))
 
     def _set_camera(self, camera: Camera) -> None:
         world_to_clip = _by_columns(_world_to_clip(camera))
@@ -100,22 +104,15 @@ class GlRenderer:
         colors["atlas_size"] = self._picture.size
         colors["lights"] = config.lights.ambient, config.lights.sun, config.lights.lamp
 
-    def _read(self, targets: Targets, camera: Camera) -> Frame:
-        shape = height, width = camera.height, camera.width
-        rgb = np.empty((*shape, 3), np.uint8)
-        surface = np.empty((*shape, 2), np.float32)
-        targets.picture.read_into(rgb, components=3, alignment=1)
-        targets.centers.read_into(surface, components=2, dtype="f4", alignment=1)
-        faces = surface[..., 1].astype(np.int32)
-        if self._config.is_antialiased:
-            fine = np.empty((2 * height, 2 * width), np.float32)
-            targets.quarters.read_into(fine, components=1, dtype="f4", alignment=1)
-            quarters = find_open_quarters(faces)
-            row, column = np.divmod(quarters.pixel, width)
-            down, across = (QUARTERS[quarters.number].T + 1) // 2
-            seen = fine[2 * row + down, 2 * column + across].astype(np.int32)
-            smooth_edges(rgb, faces, quarters, seen)
-        return Frame(rgb=rgb, depth=surface[..., 0].copy(), instance=self._mesh.face_instance[faces])
+
+def _read_quarters(targets: Targets, quarters: OpenQuarters, shape: tuple[int, ...]) -> NDArray[np.int32]:
+    """The faces that quarters of pixels show."""
+    height, width = shape
+    fine = np.empty((2 * height, 2 * width), np.float32)
+    targets.quarters.read_into(fine, components=1, dtype="f4", alignment=1)
+    row, column = np.divmod(quarters.pixel, width)
+    down, across = (QUARTERS[quarters.number].T + 1) // 2
+    return fine[2 * row + down, 2 * column + across].astype(np.int32)
 
 
 def _vertex_data(mesh: SceneMesh) -> NDArray[np.float32]:

@@ -83,9 +83,9 @@ def test_a_texture_looks_the_same_wherever_it_lies():
 def test_only_what_is_needed_is_drawn_and_only_once():
     drawn = []
     blocks = Blocks(Atlas(16, lambda x, y, block: drawn.append(block.shape)), (BRICKS, WOOD, BRICKS))
-    assert blocks.fill(np.array([True, False, True]))
+    assert blocks.fill_seen(np.array([[0, 2], [2, 0]]))
     assert len(drawn) == 1
-    assert not blocks.fill(np.array([True, False, False]))
+    assert not blocks.fill_seen(np.array([0]))
     assert (blocks.table[0] == blocks.table[2]).all()
     assert not blocks.table[1].any()
 
@@ -99,10 +99,10 @@ def test_a_full_atlas_starts_over(monkeypatch):
 
     atlas = Atlas(16, write)
     blocks = Blocks(atlas, (BRICKS, PAINT))
-    blocks.fill(np.array([True, False]))
-    blocks.fill(np.array([False, True]))
+    blocks.fill_seen(np.array([0]))
+    blocks.fill_seen(np.array([1]))
     assert atlas.generation == 1
-    blocks.fill(np.array([True, False]))
+    blocks.fill_seen(np.array([0]))
     where = [int(v) for v in blocks.table[0, :2]]
     corner = picture[where[1] + 1 : where[1] + 17, where[0] + 1 : where[0] + 17]
     assert np.array_equal(corner, texture_image(BRICKS, 16)[::-1])
