@@ -7,10 +7,10 @@ this code read outside its folder.
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import pyarrow as pa
@@ -20,7 +20,14 @@ import pyarrow.parquet as pq
 from langwm_data.scenes.spec import SceneSpec, Split
 from langwm_data.shards.index import COLUMN_OF_FILE, FRAMES_SCHEMA, OBJECTS_SCHEMA
 from langwm_data.shards.manifest import FRAMES_FILE, OBJECTS_FILE, Manifest, read_manifest
-from langwm_data.shards.sample import KEY_PATTERN, DatasetError, Sample, decode_sample
+from langwm_data.shards.sample import (
+    FIELD_OF_FILE,
+    FILE_KEYS,
+    KEY_PATTERN,
+    DatasetError,
+    Sample,
+    decode_fields,
+)
 from langwm_data.shards.scenes import read_scene
 from langwm_data.shards.stream import SampleStream
 
@@ -69,15 +76,39 @@ class ShardDataset:
 
     def __getitem__(self, which: int | str) -> Sample:
         """Read one sample, by its number (negative counts from the end) or its key."""
+        return Sample(**self.read_files(which, FILE_KEYS))
+
+    def only(self, *fields: str) -> "FieldReader":
+        """The same samples as dicts of some of their fields; the others are not decoded.
+
+        Args:
+            fields: Names of fields of ``Sample``, such as ``"rgb", "depth"``.
+
+        Raises:
+            ValueError: If none is named, or a sample has no such field.
+        """
+        file_of = {field: name for name, field in FIELD_OF_FILE.items()}
+        if not fields or not set(fields) <= set(file_of):
+            raise ValueError(f"fields are {fields}; allowed: one or more of {', '.join(file_of)}")
+        return FieldReader(self, [file_of[field] for field in fields])
+
+    def read_files(self, which: int | str, files: Sequence[str]) -> dict[str, Any]:
+        """The key of one sample and the fields that the given files of it hold, decoded, by name.
+
+        Args:
+            which: Number or key of the sample.
+            files: Some of ``FILE_KEYS``.
+        """
         number = self._number_of_key[which] if isinstance(which, str) else range(len(self))[which]
-        places = self._places[number]
-        start, stop = int(places[:, 0].min()), int(places.sum(axis=1).max())
+        places = dict(zip(COLUMN_OF_FILE, self._places[number].tolist(), strict=True))
+        wanted = {name: places[name] for name in files}
+        start = min(offset for offset, _ in wanted.values())
+        stop = max(offset + size for offset, size in wanted.values())
         data = _read_range(self.path / self._shards[number], start, stop - start)
-        files = {
-            name: data[offset - start : offset - start + size]
-            for name, (offset, size) in zip(COLUMN_OF_FILE, places.tolist(), strict=True)
+        parts = {
+            name: data[offset - start : offset - start + size] for name, (offset, size) in wanted.items()
         }
-        return decode_sample({"__key__": self._keys[number], **files})
+        return {"key": self._keys[number], **decode_fields(parts, self._keys[number])}
 
     def __iter__(self) -> Iterator[Sample]:
         return (self[number] for number in range(len(self)))
@@ -131,19 +162,41 @@ class ShardDataset:
         part._bind(self.path, self.manifest, frames)
         return part
 
-    def iter(self, *, shuffle_seed: int | None = None, part: int = 0, num_parts: int = 1) -> SampleStream:
+    def iter(
+        self, *, shuffle_seed: int | None = None, part: int = 0, num_parts: int = 1
+    ) -> SampleStream[Sample]:
         """Stream epochs of the samples; the stream's position can be saved and restored.
 
         Args:
             shuffle_seed: Draws a new order for each epoch; ``None`` keeps the order of the index.
             part: Which of ``num_parts`` disjoint parts to read, such as
                 ``rank * num_workers + worker``.
-            num_parts: In how many parts each epoch is divided; their sizes differ by at most one.
+            num_parts: In how many parts each epoch is divided, such as ``num_ranks * num_workers``;
+                their sizes differ by at most one.
 
         Raises:
             ValueError: If ``part`` is not in ``range(num_parts)``.
         """
         return SampleStream(self, shuffle_seed=shuffle_seed, part=part, num_parts=num_parts)
+
+
+class FieldReader:
+    """Samples of a dataset as dicts of some of their fields: a map-style dataset, and a source of streams.
+
+    Made by ``ShardDataset.only``.
+    """
+
+    def __init__(self, dataset: ShardDataset, files: Sequence[str]) -> None:
+        self._dataset, self._files = dataset, files
+
+    def __len__(self) -> int:
+        return len(self._dataset)
+
+    def __getitem__(self, which: int | str) -> dict[str, Any]:
+        return self._dataset.read_files(which, self._files)
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        return (self[number] for number in range(len(self)))
 
 
 def _places(frames: pa.Table) -> np.ndarray:

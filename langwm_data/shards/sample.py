@@ -6,7 +6,7 @@ Owns the format of the five files. Where they lie in a tar and which samples exi
 
 import json
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,13 +17,22 @@ from numpy.typing import NDArray
 from langwm_data.config_io import ConfigError
 from langwm_data.labels.semantic import semantic_mask
 from langwm_data.png import encode_png
+from langwm_data.shards.fast_png import decode_unfiltered
 
 RGB_KEY = "rgb.png"
 DEPTH_KEY = "depth.png"
 INSTANCE_KEY = "instance.png"
 META_KEY = "json"
 CAPTION_KEY = "txt"
-FILE_KEYS = (RGB_KEY, DEPTH_KEY, INSTANCE_KEY, META_KEY, CAPTION_KEY)
+FIELD_OF_FILE: dict[str, str] = {
+    RGB_KEY: "rgb",
+    DEPTH_KEY: "depth",
+    INSTANCE_KEY: "instance",
+    META_KEY: "meta",
+    CAPTION_KEY: "caption",
+}
+"""File key to the field of ``Sample`` that it holds."""
+FILE_KEYS = tuple(FIELD_OF_FILE)
 """Every file of a sample, in the order in which it lies in the tar."""
 
 KEY_PATTERN = r"[A-Za-z0-9_-]+"
@@ -76,7 +85,7 @@ def to_millimetres(depth: NDArray[np.float32]) -> NDArray[np.uint16]:
 
 def to_metres(millimetres: NDArray[np.uint16]) -> NDArray[np.float32]:
     """Stored depth in metres."""
-    return (millimetres / MILLIMETRES).astype(np.float32)
+    return np.divide(millimetres, np.float32(MILLIMETRES), dtype=np.float32)
 
 
 def encode_sample(sample: Sample) -> dict[str, bytes]:
@@ -106,20 +115,38 @@ def decode_sample(files: Mapping[str, Any]) -> Sample:
     missing = [name for name in FILE_KEYS if name not in files]
     if missing:
         raise DatasetError(f"sample {key!r} lacks {', '.join(missing)}")
-    name = f"sample {key!r}: "
-    rgb = _decode_png(files[RGB_KEY], np.uint8, name + RGB_KEY)
-    depth = _decode_png(files[DEPTH_KEY], np.uint16, name + DEPTH_KEY)
-    instance = _decode_png(files[INSTANCE_KEY], np.uint16, name + INSTANCE_KEY)
-    if not rgb.shape[:2] == depth.shape == instance.shape:
-        raise DatasetError(f"{name}its images have sizes {rgb.shape[:2]}, {depth.shape} and {instance.shape}")
-    return Sample(
-        key=key,
-        rgb=np.asarray(cv2.cvtColor(rgb, cv2.COLOR_BGR2RGB), np.uint8),
-        depth=to_metres(depth),
-        instance=instance,
-        meta=_decode_meta(files[META_KEY], name + META_KEY),
-        caption=_decode_caption(files[CAPTION_KEY], name + CAPTION_KEY),
-    )
+    return Sample(key=key, **decode_fields({name: files[name] for name in FILE_KEYS}, key))
+
+
+def decode_fields(files: Mapping[str, bytes], key: str) -> dict[str, Any]:
+    """The fields of ``Sample`` that the given files hold, by name.
+
+    Args:
+        files: Bytes by file key, some or all of ``FILE_KEYS``.
+        key: Name of the sample, for what is said of a damaged one.
+
+    Raises:
+        DatasetError: If a file cannot be read, or the images have different sizes.
+    """
+    fields = {
+        FIELD_OF_FILE[name]: _DECODERS[name](data, f"sample {key!r}: {name}") for name, data in files.items()
+    }
+    sizes = [str(fields[name].shape[:2]) for name in ("rgb", "depth", "instance") if name in fields]
+    if len(set(sizes)) > 1:
+        raise DatasetError(f"sample {key!r}: its images have sizes {', '.join(sizes[:-1])} and {sizes[-1]}")
+    return fields
+
+
+def _decode_rgb(data: bytes, name: str) -> NDArray[np.uint8]:
+    return _decode_png(data, np.uint8, name)
+
+
+def _decode_depth(data: bytes, name: str) -> NDArray[np.float32]:
+    return to_metres(_decode_png(data, np.uint16, name))
+
+
+def _decode_instance(data: bytes, name: str) -> NDArray[np.uint16]:
+    return _decode_png(data, np.uint16, name)
 
 
 def _decode_meta(data: bytes, name: str) -> dict[str, Any]:
@@ -139,14 +166,28 @@ def _decode_caption(data: bytes, name: str) -> str:
         raise DatasetError(f"{name} is not UTF-8") from error
 
 
-def _decode_png(data: bytes, dtype: type[np.generic], name: str) -> NDArray[Any]:
+def _decode_png(data: bytes, dtype: type[np.uint8 | np.uint16], name: str) -> NDArray[Any]:
     # Before anything is unpacked: a small file may hold a picture that fills the memory.
     if len(data) >= _PNG_SIZE.stop and max(struct.unpack(">II", data[_PNG_SIZE])) > _MAX_SIDE_PX:
         raise DatasetError(f"{name} is larger than {_MAX_SIDE_PX} pixels on a side")
+    image = decode_unfiltered(data, dtype)
+    return image if image is not None else _decode_any_png(data, dtype, name)
+
+
+def _decode_any_png(data: bytes, dtype: type[np.uint8 | np.uint16], name: str) -> NDArray[Any]:
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:
         image = None
     if image is None or image.dtype != dtype or image.shape[2:] != ((3,) if dtype is np.uint8 else ()):
         raise DatasetError(f"{name} is not a PNG of {np.dtype(dtype).name}")
-    return image
+    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB) if dtype is np.uint8 else image
+
+
+_DECODERS: dict[str, Callable[[bytes, str], Any]] = {
+    RGB_KEY: _decode_rgb,
+    DEPTH_KEY: _decode_depth,
+    INSTANCE_KEY: _decode_instance,
+    META_KEY: _decode_meta,
+    CAPTION_KEY: _decode_caption,
+}

@@ -12,6 +12,7 @@ from langwm_data import ShardDataset
 from langwm_data.shards.index import COLUMN_OF_FILE
 from langwm_data.shards.manifest import FRAMES_FILE, MANIFEST_FILE, OBJECTS_FILE
 from langwm_data.shards.sample import DatasetError
+from langwm_data.shards.stream import SampleStream
 
 
 def edit_manifest(folder, **changes):
@@ -85,10 +86,33 @@ def test_streams_read_samples_and_restore(folder):
     first = dataset.iter(shuffle_seed=4, part=1, num_parts=2)
     seen = [next(first).key for _ in range(3)]
     second = dataset.iter(shuffle_seed=4, part=1, num_parts=2)
-    second.restore(json.loads(json.dumps(first.state())))
+    second.load_state_dict(json.loads(json.dumps(first.state_dict())))
     rest = [sample.key for sample in second]
     other = [sample.key for sample in dataset.iter(shuffle_seed=4, num_parts=2)]
     assert sorted(seen + rest + other) == sorted(dataset.keys)
+
+
+def test_only_the_fields_asked_for_are_decoded(own_folder, sample_at):
+    dataset = ShardDataset(own_folder)
+    place = dataset.frames["rgb_offset"][7].as_py()
+    with (own_folder / "train/train-000001.tar").open("r+b") as tar:
+        tar.seek(place)
+        tar.write(b"damage")
+    part = dataset.only("meta", "depth")
+    assert len(part) == 15
+    assert set(part[7]) == {"key", "meta", "depth"}
+    assert part[7]["key"] == "Alder_0-000007"
+    np.testing.assert_array_equal(part["Alder_0-000007"]["depth"], sample_at("train", 7).depth)
+    stream = SampleStream(part, shuffle_seed=1)
+    assert sorted(sample["key"] for sample in stream) == sorted(sample["key"] for sample in part)
+    with pytest.raises(DatasetError, match=r"sample 'Alder_0-000007': rgb\.png is not a PNG of uint8"):
+        dataset[7]
+
+
+@pytest.mark.parametrize("fields", [(), ("rgb", "colour")])
+def test_fields_that_no_sample_has_are_refused(folder, fields):
+    with pytest.raises(ValueError, match="allowed: one or more of rgb, depth, instance, meta, caption"):
+        ShardDataset(folder).only(*fields)
 
 
 def test_threads_and_pickles_read_the_same(folder):
