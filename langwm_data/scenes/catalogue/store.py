@@ -65,7 +65,7 @@ def write_mesh(folder: Path, mesh: TriangleMesh) -> str:
     data = encode_mesh(mesh)
     name = hashlib.sha256(data).hexdigest()
     path = mesh_path(folder, name)
-    if not path.exists():
+    if not path.exists() or path.read_bytes() != data:
         atomic.write_bytes(path, data)
     return name
 
