@@ -62,19 +62,20 @@ class GlRenderer:
         assert self._held, "load a scene first"
         device, targets = self._device, self._device.targets(camera.width, camera.height)
         triangles = self._mesh.visible_triangles(camera)
-        if len(triangles):
-            self._indices.write(triangles)
         self._set_camera(camera)
-        device.draw(targets.centers, self._surfaces, len(triangles))
+        self._draw(targets.centers, self._surfaces, triangles)
         surface = np.empty((camera.height, camera.width, 2), np.float32)
         targets.centers.read_into(surface, components=2, dtype="f4", alignment=1)
         faces = surface[..., 1].astype(np.int32)
-        self._place_textures(faces)
+        is_seen = np.zeros(len(self._mesh.face_slot), np.bool_)
+        is_seen[faces] = True
+        self._place_textures(is_seen)
         device.shade(targets, {"atlas": self._picture, "face_table": self._face_table})
         rgb = np.empty((*faces.shape, 3), np.uint8)
         targets.picture.read_into(rgb, components=3, alignment=1)
         if self._config.is_antialiased:
-            device.draw(targets.quarters, self._faces, len(triangles))
+            # Only what some pixel's centre shows can lend its colour to a quarter.
+            self._draw(targets.quarters, self._faces, triangles[is_seen[self._mesh.faces[triangles[:, 0]]]])
             quarters = find_open_quarters(faces)
             smooth_edges(rgb, faces, quarters, _read_quarters(targets, quarters, faces.shape))
         return Frame(rgb=rgb, depth=surface[..., 0].copy(), instance=self._mesh.face_instance[faces])
@@ -88,8 +89,13 @@ class GlRenderer:
     def _use_palette(self) -> None:
         self._blocks = Blocks(self._atlas, self._scene.palette)
 
-    def _place_textures(self, faces: NDArray[np.int32]) -> None:
-        if self._blocks.fill_seen(self._mesh.face_slot[faces]):
+    def _draw(self, target: Any, drawn: Any, triangles: NDArray[np.int32]) -> None:  # noqa: ANN401
+        if len(triangles):
+            self._indices.write(triangles)
+        self._device.draw(target, drawn, len(triangles))
+
+    def _place_textures(self, is_seen: NDArray[np.bool_]) -> None:
+        if self._blocks.fill_seen(self._mesh.face_slot[is_seen]):
             self._face_table.write(_face_table(self._mesh, self._blocks.table))
 
     def _set_camera(self, camera: Camera) -> None:
