@@ -4,9 +4,12 @@ Pure functions of the config. Every frame is described by its split and number a
 make any frame, in any order, and the bytes stay the same.
 """
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from langwm_data.config import DatasetConfig
+from langwm_data.config_io import ConfigError
 from langwm_data.scenes.homes import scene_names
 from langwm_data.scenes.spec import Split
 from langwm_data.seeding import make_rng
@@ -52,6 +55,33 @@ def plan_shards(config: DatasetConfig) -> list[ShardTask]:
     return tasks
 
 
+def parse_shards(text: str) -> range:
+    """``0-99`` or ``7`` as the numbers of shards, both ends included.
+
+    Raises:
+        ConfigError: If the text is not of that form.
+    """
+    match = re.fullmatch(r"(\d+)(?:-(\d+))?", text)
+    first, last = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
+    if first > last:
+        raise ConfigError(f"--shards {text!r} is not of the form 0-99 or 7")
+    return range(first, last + 1)
+
+
+def tasks_in_range(config: DatasetConfig, shards: range) -> list[ShardTask]:
+    """The shards with these numbers, counted over all splits; those past the last one are left out.
+
+    Raises:
+        ConfigError: If not one of them is there.
+    """
+    tasks = plan_shards(config)
+    if shards.start >= len(tasks):
+        raise ConfigError(
+            f"--shards {shards.start}-{shards.stop - 1} names no shard; the dataset has 0 to {len(tasks) - 1}"
+        )
+    return tasks[shards.start : shards.stop]
+
+
 def plan_frame(config: DatasetConfig, split: Split, number: int) -> FramePlan:
     """Frame ``number`` of a split."""
     block = number // config.cameras.frames_per_palette
@@ -69,10 +99,20 @@ def scene_of_block(config: DatasetConfig, split: Split, block: int) -> str:
 
 def scenes_needed(config: DatasetConfig) -> list[str]:
     """Names of the floors that the dataset shows."""
+    return scenes_of(config, plan_shards(config))
+
+
+def scenes_of(config: DatasetConfig, tasks: Sequence[ShardTask]) -> list[str]:
+    """Names of the floors that these shards show."""
     per_block = config.cameras.frames_per_palette
     needed = {
         scene_of_block(config, split, block)
         for split in SPLITS
-        for block in range(min(-(-num_frames(config, split) // per_block), len(scene_names(split))))
+        for block in {
+            block
+            for task in tasks
+            if task.split == split
+            for block in range(task.start // per_block, (task.stop - 1) // per_block + 1)
+        }
     }
     return sorted(needed)

@@ -54,11 +54,19 @@ def finish_dataset(folder: Path, records: Sequence[ShardRecord], origin: Origin)
         shards=list(records),
     )
     write_card(folder, manifest)
-    for leftover in folder.rglob(".*.tmp"):  # of jobs that were killed
-        leftover.unlink(missing_ok=True)
     write_manifest(folder, manifest)
-    shutil.rmtree(folder / WORK_DIR)
+    remove_work(folder)
     return manifest
+
+
+def remove_work(folder: Path) -> None:
+    """Remove what a finished dataset needs no more, and what jobs that were killed left.
+
+    Whoever misses something because of it finds a manifest: so it comes after that.
+    """
+    for leftover in folder.rglob(".*.tmp"):
+        leftover.unlink(missing_ok=True)
+    shutil.rmtree(folder / WORK_DIR, ignore_errors=True)
 
 
 def _splits(frames: pa.Table) -> dict[Any, SplitRecord]:

@@ -94,15 +94,35 @@ def write_shard(folder: Path, split: Split, number: int, samples: Iterable[Sampl
     return record
 
 
+def read_record(folder: Path, relative: str, *, size: int | None = None) -> ShardRecord | None:
+    """The record of a shard whose tar has the right size; else nothing.
+
+    Args:
+        folder: Where the record lies, and the tar unless its ``size`` is given.
+        relative: The shard.
+        size: Bytes of the tar where it lies elsewhere.
+    """
+    tar, part = folder / relative, _part(folder, relative)
+    if not part.is_file():
+        return None
+    if size is None and tar.is_file():
+        size = tar.stat().st_size
+    record = ShardRecord(**json.loads(part.read_text("utf-8")))
+    return record if size == record.bytes else None
+
+
 def complete_shard(folder: Path, relative: str) -> ShardRecord | None:
     """The record of a shard that is there whole, its bytes compared with the checksum; else nothing."""
-    part = _part(folder, relative)
-    if not part.is_file() or not (folder / relative).is_file():
-        return None
-    record = ShardRecord(**json.loads(part.read_text("utf-8")))
-    if (folder / relative).stat().st_size != record.bytes or sha256_of(folder / relative) != record.sha256:
+    record = read_record(folder, relative)
+    if record is None or sha256_of(folder / relative) != record.sha256:
         return None
     return record
+
+
+def part_files(relative: str) -> tuple[str, str, str]:
+    """The rows of a shard and its record, in the order in which they are written."""
+    part = _part(Path(), relative)
+    return (str(part.with_suffix(".frames.parquet")), str(part.with_suffix(".objects.parquet")), str(part))
 
 
 def read_parts(folder: Path, records: Iterable[ShardRecord]) -> tuple[pa.Table, pa.Table]:
