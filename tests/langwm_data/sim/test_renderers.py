@@ -150,8 +150,8 @@ def test_textures_on_walls_are_upright_metric_and_not_mirrored(fast, small_scene
     monkeypatch.setattr(atlas, "texture_image", lambda ref, size: picture)
     monkeypatch.setattr(atlas, "tile_size_m", lambda category: 1.0)
     camera = view((2.0, 1.5), yaw, position=(2.0, 1.5, 1.6))
-    lights = LightsConfig(ambient=2)
-    frame = loaded(fast, small_scene, texture_px=128, lights=lights).render(camera)
+    options = {"texture_px": 128, "lights": LightsConfig(ambient=2), "is_antialiased": False}
+    frame = loaded(fast, small_scene, **options).render(camera)
     points = camera.unproject(frame.depth)
     # To the right along the wall and upwards, in metres.
     u, v = points @ camera.camera_to_world[:3, 0], points[..., 2]
