@@ -101,14 +101,27 @@ class RenderConfig:
 
 @config
 class ViewsConfig:
-    """Where dataset cameras stand."""
+    """Where dataset cameras stand and look. Source: ours, except where said."""
 
+    mode: Literal["single", "trajectory"] = "single"
+    """``single``: every frame from a place of its own; ``trajectory``: consecutive frames of a drive."""
     frames_per_palette: PositiveInt = 25
-    """Consecutive frames that share one scene and one choice of textures."""
-    min_clearance_m: Annotated[float, Field(ge=0)] = 0.25
-    """Least distance from the camera to any obstacle."""
+    """Consecutive frames that share one scene and one choice of textures; whole trajectories in any case."""
+    trajectory_length: PositiveInt = 25
+    """Frames of one drive, 0.1 s apart; read in mode ``trajectory``."""
+    min_clearance_m: Positive = 0.25
+    """Least distance from the camera to any obstacle, in the plane; not less than ``camera.near_m``."""
+    uniform_fraction: Fraction = 0.2
+    """Share of single views in a uniform direction, whatever they show; the others are turned towards an
+    object in sight."""
     max_tries: PositiveInt = 20
-    """Views drawn before one without an eligible object is accepted."""
+    """Views turned towards an object that are drawn before one without an eligible object is accepted."""
+
+    @property
+    def frames_per_block(self) -> int:
+        """Consecutive frames of one scene: ``frames_per_palette``, filled up to whole trajectories."""
+        unit = 1 if self.mode == "single" else self.trajectory_length
+        return -(-self.frames_per_palette // unit) * unit
 
 
 @config
@@ -145,3 +158,11 @@ class DatasetConfig:
     cameras: ViewsConfig = field(default_factory=ViewsConfig)
     labels: LabelsConfig = field(default_factory=LabelsConfig)
     shards: ShardsConfig = field(default_factory=ShardsConfig)
+
+    def __post_init__(self) -> None:
+        """Refuse cameras that look into things."""
+        if self.cameras.min_clearance_m < self.camera.near_m:
+            raise ConfigError(
+                f"cameras.min_clearance_m {self.cameras.min_clearance_m} must not be less than"
+                f" camera.near_m {self.camera.near_m}"
+            )

@@ -1,7 +1,7 @@
 """Make the frames of a dataset: choose a view, render it, label it.
 
-Owns what one worker does with one task. Which frames there are stands in ``plan``; processes and
-completeness stand in ``workers`` and ``shards.writer``.
+Owns what one worker does with one task. Which frames there are stands in ``plan``, where cameras stand in
+``views`` and ``trajectories``; processes and completeness stand in ``workers`` and ``shards.writer``.
 """
 
 import dataclasses
@@ -15,7 +15,6 @@ import numpy as np
 
 from langwm_data.baking import load_home
 from langwm_data.config import DatasetConfig
-from langwm_data.config_io import ConfigError
 from langwm_data.labels.amodal import AmodalExtent, Solid, amodal_extents, scene_solids
 from langwm_data.labels.instances import ObjectLabel, label_frame
 from langwm_data.plan import FramePlan, ShardTask, plan_frame
@@ -28,9 +27,9 @@ from langwm_data.shards.scenes import read_scene, write_scene
 from langwm_data.shards.writer import write_shard
 from langwm_data.sim.camera import Camera
 from langwm_data.sim.render import Frame, make_renderer
+from langwm_data.trajectories import Pose, simulate_trajectory
+from langwm_data.views import Sights, View, camera_space, draw_views
 from langwm_data.workers import Report
-
-_PLACE_TRIES = 200
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +45,8 @@ class Floor:
 
     scene: SceneSpec
     free: FreeSpace
+    """Where the camera may be."""
+    sights: Sights
     table: dict[int, tuple[str, str]]
     """Instance id to category and model."""
     solids: dict[int, Solid]
@@ -62,6 +63,16 @@ class Block:
     materials: list[str]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Shot:
+    """A view with what it shows."""
+
+    view: View
+    camera: Camera
+    frame: Frame
+    labels: list[ObjectLabel]
+
+
 class RenderWorker:
     """Does ``BakeTask`` and ``ShardTask`` for one dataset; holds one renderer."""
 
@@ -70,6 +81,8 @@ class RenderWorker:
         self._folder = folder
         self._floors: dict[str, Floor] = {}
         self._shown: Block | None = None
+        self._drive: tuple[Split, int, list[Pose]] | None = None
+        """Split, number and poses of the last trajectory: its frames mostly come one after the other."""
 
     def __enter__(self) -> Self:
         self._renderer = make_renderer(self._config.render)
@@ -95,22 +108,44 @@ class RenderWorker:
     def make_sample(self, plan: FramePlan) -> Sample:
         """Render and label one frame; depends on the config and the plan alone.
 
-        Views are drawn until one shows an object worth a caption, at most ``cameras.max_tries`` times.
+        Of the views that there are for it, the first that shows an object worth a caption is taken, else
+        the last.
         """
         block, floor = self._show(plan), self._floor(plan.scene)
         rng = make_rng(self._config.seed, "frame", plan.split, plan.number)
-        max_tries = self._config.cameras.max_tries
-        for attempt in range(1, max_tries + 1):
-            camera = sample_camera(rng, floor.free, self._config, plan.scene)
-            frame = self._renderer.render(camera)
-            # Labels are taken from depth as it is stored, so that they can be made again from the shards.
-            frame = dataclasses.replace(frame, depth=to_metres(to_millimetres(frame.depth)))
-            labels = label_frame(frame.instance, frame.depth, floor.table, self._config.labels, rng)
-            if attempt == max_tries or any(label.captions for label in labels):
-                extents = amodal_extents(floor.solids, camera, {o.instance: o.area_px for o in labels})
-                objects = [describe_object(label, extents[label.instance]) for label in labels]
-                return _assemble(plan, block, camera, frame, objects)
-        raise AssertionError("max_tries is at least 1")
+        shot = None
+        for view in self._views(plan, floor, rng):
+            shot = self._shoot(view, floor, rng)
+            if any(label.captions for label in shot.labels):
+                break
+        assert shot is not None, "there is at least one view"
+        extents = amodal_extents(floor.solids, shot.camera, {o.instance: o.area_px for o in shot.labels})
+        objects = [describe_object(label, extents[label.instance]) for label in shot.labels]
+        return _assemble(plan, block, shot, objects)
+
+    def _views(self, plan: FramePlan, floor: Floor, rng: np.random.Generator) -> Iterator[View]:
+        config = self._config
+        if config.cameras.mode == "single":
+            return draw_views(rng, floor.free, floor.sights, config, plan.scene)
+        number, step = divmod(plan.number, config.cameras.trajectory_length)
+        pose = self._trajectory(plan.split, number, floor)[step]
+        view = View(xy=pose.xy, yaw_rad=pose.yaw_rad, trajectory=number, step=step, action=pose.action)
+        return iter((view,))
+
+    def _trajectory(self, split: Split, number: int, floor: Floor) -> list[Pose]:
+        if self._drive is None or self._drive[:2] != (split, number):
+            rng = make_rng(self._config.seed, "trajectory", split, number)
+            poses = simulate_trajectory(rng, floor.free, self._config.cameras.trajectory_length)
+            self._drive = split, number, poses
+        return self._drive[2]
+
+    def _shoot(self, view: View, floor: Floor, rng: np.random.Generator) -> Shot:
+        camera = Camera.on_robot(self._config.camera, view.xy, view.yaw_rad)
+        frame = self._renderer.render(camera)
+        # Labels are taken from depth as it is stored, so that they can be made again from the shards.
+        frame = dataclasses.replace(frame, depth=to_metres(to_millimetres(frame.depth)))
+        labels = label_frame(frame.instance, frame.depth, floor.table, self._config.labels, rng)
+        return Shot(view=view, camera=camera, frame=frame, labels=labels)
 
     def _show(self, plan: FramePlan) -> Block:
         """Have the renderer hold the scene and materials of this frame's block."""
@@ -133,51 +168,45 @@ class RenderWorker:
         """One of the few floors of the dataset; all are kept."""
         if name not in self._floors:
             scene = read_scene(self._folder, name)
-            free = FreeSpace.from_scene(scene, robot=self._config.robot)
-            table, solids = scene.instances(), scene_solids(scene)
-            self._floors[name] = Floor(scene=scene, free=free, table=table, solids=solids)
+            self._floors[name] = Floor(
+                scene=scene,
+                free=camera_space(scene, self._config),
+                sights=Sights.of(scene),
+                table=scene.instances(),
+                solids=scene_solids(scene),
+            )
         return self._floors[name]
 
 
-def sample_camera(
-    rng: np.random.Generator, free: FreeSpace, config: DatasetConfig, scene_name: str
-) -> Camera:
-    """A robot's view from a random place, far enough from obstacles, in a random direction.
-
-    Raises:
-        ConfigError: If no place on the floor is far enough from obstacles.
-    """
-    for _ in range(_PLACE_TRIES):
-        xy = free.sample(rng)
-        if free.clearance(xy) >= config.cameras.min_clearance_m:
-            yaw_rad = float(rng.uniform(-np.pi, np.pi))
-            return Camera.on_robot(config.camera, (float(xy[0]), float(xy[1])), yaw_rad)
-    raise ConfigError(
-        f"field 'cameras.min_clearance_m': value {config.cameras.min_clearance_m} leaves no place for the"
-        f" camera on {scene_name}"
-    )
-
-
-def _assemble(
-    plan: FramePlan, block: Block, camera: Camera, frame: Frame, objects: list[dict[str, Any]]
-) -> Sample:
+def _assemble(plan: FramePlan, block: Block, shot: Shot, objects: list[dict[str, Any]]) -> Sample:
     largest = max((obj for obj in objects if obj["captions"]), key=lambda o: o["area_px"], default=None)
     return Sample(
         key=plan.key,
-        rgb=frame.rgb,
-        depth=frame.depth,
-        instance=frame.instance,
+        rgb=shot.frame.rgb,
+        depth=shot.frame.depth,
+        instance=shot.frame.instance,
         meta={
             "scene": block.scene.name,
             "building": block.scene.building,
             "floor": block.scene.floor,
             "split": plan.split,
             "palette": block.materials,
-            "camera": describe_camera(camera),
+            **describe_view(shot.view),
+            "camera": describe_camera(shot.camera),
             "objects": objects,
         },
         caption=largest["captions"][0]["text"] if largest else "",
     )
+
+
+def describe_view(view: View) -> dict[str, Any]:
+    """Pose and drive as they stand in a sample's JSON."""
+    return {
+        "trajectory": view.trajectory,
+        "step": view.step,
+        "action": [float(entry) for entry in view.action],
+        "pose": [float(view.xy[0]), float(view.xy[1]), float(view.yaw_rad)],
+    }
 
 
 def describe_object(label: ObjectLabel, extent: AmodalExtent) -> dict[str, Any]:

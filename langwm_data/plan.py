@@ -84,7 +84,7 @@ def tasks_in_range(config: DatasetConfig, shards: range) -> list[ShardTask]:
 
 def plan_frame(config: DatasetConfig, split: Split, number: int) -> FramePlan:
     """Frame ``number`` of a split."""
-    block = number // config.cameras.frames_per_palette
+    block = number // config.cameras.frames_per_block
     scene = scene_of_block(config, split, block)
     return FramePlan(key=f"{scene}-{number:06d}", split=split, number=number, block=block, scene=scene)
 
@@ -104,7 +104,7 @@ def scenes_needed(config: DatasetConfig) -> list[str]:
 
 def scenes_of(config: DatasetConfig, tasks: Sequence[ShardTask]) -> list[str]:
     """Names of the floors that these shards show."""
-    per_block = config.cameras.frames_per_palette
+    per_block = config.cameras.frames_per_block
     needed = {
         scene_of_block(config, split, block)
         for split in SPLITS

@@ -49,6 +49,10 @@ FEATURES: dict[str, Any] = {
         "floor": "int64",
         "split": "string",
         "palette": ["string"],
+        "trajectory": "int64",
+        "step": "int64",
+        "action": ["float64"],
+        "pose": ["float64"],
         "camera": _CAMERA,
         "objects": [_OBJECT],
     },
@@ -84,6 +88,10 @@ Floors and texture ids of the test split do not occur in the training split.
   `visible_fraction` is seen, `truncated_fraction` lies outside the picture, and of what lies inside,
   `occluded_fraction` is hidden by something else. `K` is in pixels with pixel centres at .5.
   `camera_to_world` is 4x4 in metres; camera axes are x right, y down, z forward; in the world z is up.
+  `pose` is that of the robot under the camera: x and y in metres, yaw in radians, counter-clockwise from x.
+  Frames of one drive share `trajectory`, its number in the split, and count their `step` from 0, every
+  0.1 s; `action` is what led to the frame, forward speed / (0.5 m/s) and turning speed / (pi/2 rad/s, left
+  positive), zeros at step 0. Where frames stand alone `trajectory` is -1.
 - `txt`: the caption of the largest captioned object, empty where there is none.
 
 `index/frames.parquet` and `index/objects.parquet` have a row per frame and per visible object,

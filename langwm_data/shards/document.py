@@ -79,6 +79,10 @@ class SampleDocument(TypedDict):
     floor: int
     split: str
     palette: list[str]
+    trajectory: int
+    step: int
+    action: Pair
+    pose: Row3
     camera: CameraDocument
     objects: list[ObjectDocument]
 

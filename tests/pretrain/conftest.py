@@ -50,6 +50,10 @@ def make_sample(split, number):
         "floor": 0,
         "split": split,
         "palette": [],
+        "trajectory": -1,
+        "step": 0,
+        "action": [0.0, 0.0],
+        "pose": [0.0, 0.0, 0.0],
         "camera": {"K": [[30.0, 0.0, 24.0], [0.0, 30.0, 16.0], [0.0, 0.0, 1.0]], "camera_to_world": pose}
         | {"height": HEIGHT, "width": WIDTH, "yaw_rad": 0.0, "pitch_rad": 0.0},
         "objects": [dataclasses.asdict(label) for label in labels],

@@ -43,6 +43,10 @@ def make_sample(split, number):
             "floor": 0,
             "split": split,
             "palette": ["wood/01", "paint/02"],
+            "trajectory": number // 3,
+            "step": number % 3,
+            "action": [0.5, -0.25] if number % 3 else [0.0, 0.0],
+            "pose": [1.5, 2.5, 0.5],
             "camera": {
                 "height": HEIGHT,
                 "width": WIDTH,
