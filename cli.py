@@ -46,9 +46,19 @@ _UsageError: type[Exception] = next(
 
 @app.command("render-dataset")
 def render_dataset_command(
-    out: Out,
+    out: Annotated[
+        str, typer.Option("--out", help="Folder or URL to write; the same command goes on in it.")
+    ],
     frames: Annotated[int | None, typer.Option("--frames", help="All frames, training and test.")] = None,
-    workers: Annotated[int, typer.Option("--workers", min=1, help="Processes.")] = 1,
+    workers: Annotated[
+        int | None, typer.Option("--workers", min=1, help="Processes; 1 if not given.")
+    ] = None,
+    engine: Annotated[str, typer.Option("--engine", help="local, or ray: all of a Ray cluster.")] = "local",
+    shards: Annotated[
+        str | None,
+        typer.Option("--shards", metavar="A-B", help="Only these; others may run elsewhere at once."),
+    ] = None,
+    plan: Annotated[bool, typer.Option("--plan", help="Say what it will take, and do nothing.")] = False,
     preset: Preset = [],  # noqa: B006
     assignments: Set = [],  # noqa: B006
     seed: Seed = None,
@@ -56,12 +66,30 @@ def render_dataset_command(
 ) -> None:
     """Render scenes, label every frame, write sharded datasets."""
     from langwm_data.config import DatasetConfig
-    from langwm_data.pipeline import render_dataset
+    from langwm_data.engines import check_engine
+    from langwm_data.pipeline import render_dataset, render_range
+    from langwm_data.plan import parse_shards
 
     config = _load(DatasetConfig, "langwm_data", preset, assignments, {"frames": frames, "seed": seed})
+    chosen = None if shards is None else parse_shards(shards)
+    if fresh and chosen is not None:
+        raise typer.BadParameter("--fresh would discard what other ranges make; give it without --shards")
+    method = check_engine(engine, workers)
+    if plan:
+        from langwm_data.estimate import estimate
+
+        typer.echo(estimate(config, workers=workers or 1, shards=chosen).as_text())
+        return
+    is_complete = True
     with _progress("frames") as progress:
-        path = render_dataset(config, out, workers=workers, fresh=fresh, progress=progress)
-    typer.echo(f"dataset at {path}; look at it with: langwm inspect {path} --gallery gallery.html")
+        if chosen is None:
+            render_dataset(config, out, workers=workers, engine=method, fresh=fresh, progress=progress)
+        else:
+            is_complete = render_range(config, out, chosen, workers=workers, engine=method, progress=progress)
+    if not is_complete:
+        typer.echo(f"shards {shards} are in {out}; the dataset is complete when the others are")
+    else:
+        typer.echo(f"dataset at {out}; look at it with: langwm inspect {out} --gallery gallery.html")
 
 
 @app.command("inspect")

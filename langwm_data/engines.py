@@ -16,7 +16,6 @@ from langwm_data.config_io import ConfigError
 from langwm_data.workers import Report, Worker, WorkerFactory, WorkerPool
 
 Engine = Literal["local", "ray"]
-ENGINES: tuple[Engine, ...] = ("local", "ray")
 
 TASKS_PER_WORKER = 32
 """Shards that one process makes before a new one takes its place."""
@@ -42,20 +41,25 @@ class Pool(Protocol):
         ...
 
 
-def check_engine(engine: str, workers: int | None) -> None:
-    """Refuse an engine that is unknown or not installed, and a number of workers that it does not take."""
-    if engine not in ENGINES:
-        raise ConfigError(f"--engine {engine!r} is unknown; allowed: {', '.join(ENGINES)}")
+def check_engine(engine: str, workers: int | None) -> Engine:
+    """The engine of that name.
+
+    Raises:
+        ConfigError: If it is unknown or not installed, or does not take so many workers.
+    """
+    if engine != "local" and engine != "ray":
+        raise ConfigError(f"--engine {engine!r} is unknown; allowed: local, ray")
     if workers is not None and workers < 1:
         raise ConfigError(f"--workers {workers} is not allowed; allowed: 1 or more")
     if engine == "local":
-        return
+        return engine
     if workers is not None:
         raise ConfigError(f"--workers {workers} is for --engine local; ray uses every core of its cluster")
     try:
         _ray()
     except ImportError as error:
         raise ConfigError("--engine ray needs the package ray: pip install 'langwm[ray]'") from error
+    return engine
 
 
 def make_pool(engine: str, workers: int | None, make_worker: WorkerFactory, num_tasks: int) -> Pool:

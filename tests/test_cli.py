@@ -28,6 +28,12 @@ def refuse(capsys, *arguments: str) -> str:
         (["render-dataset"], "Missing option '--out'"),
         (["render-datset", "--out", "x"], "No such command 'render-datset'"),
         (["render-dataset", "--out", "x", "--workers", "two"], "Invalid value for '--workers'"),
+        (
+            ["render-dataset", "--out", "x", "--engine", "spark"],
+            "--engine 'spark' is unknown; allowed: local",
+        ),
+        (["render-dataset", "--out", "x", "--shards", "3-1"], "--shards '3-1' is not of the form 0-99 or 7"),
+        (["render-dataset", "--out", "x", "--shards", "0-1", "--fresh"], "discard what other ranges make"),
         (["render-dataset", "--out", "x", "--preset", "huge"], "--preset 'huge' is unknown; allowed: debug"),
         (["render-dataset", "--out", "x", "--set", "camera.heigth=64"], "did you mean 'height'?"),
         (["render-dataset", "--out", "x", "--set", "camera.height=tall"], "'camera.height': value 'tall'"),
@@ -59,6 +65,14 @@ def test_a_file_where_a_folder_should_be_is_kept(command, capsys, tmp_path):
     (tmp_path / "file").write_text("mine")
     assert "is a file" in refuse(capsys, *command, "--out", str(tmp_path / "file"))
     assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_a_plan_says_what_it_will_take_and_does_nothing(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    small = ["--frames", "3", "--set", "camera.height=24", "--set", "camera.width=30"]
+    assert cli.run(["render-dataset", "--out", "x", "--plan", "--shards", "0", *small]) == 0
+    assert capsys.readouterr().out.splitlines()[0] == "frames  3 in 1 shards, of 1 floors"
+    assert not list(tmp_path.iterdir())
 
 
 def test_assignments_win_over_flags_and_flags_over_presets():
