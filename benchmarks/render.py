@@ -137,7 +137,7 @@ def main() -> None:
     scenes = [
         bake_home(HOME, seed=0),
         room("boxes", "box", 70, 0.8),
-        room("many", "ellipsoid", 130, 0.9),
+        room("many", "ellipsoid", 200, 0.9),
     ]
     for backend in asked.backends:
         for is_antialiased in (True, False) if backend != "tiny" else (True,):
