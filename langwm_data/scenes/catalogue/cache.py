@@ -46,7 +46,7 @@ def ready_mesh(model: CatalogueModel, folder: Path) -> tuple[str, TriangleMesh]:
     note = folder / f"{_key(model)}.json"
     if note.exists():
         try:
-            name = _noted_name(note)
+            name = json.loads(note.read_bytes())["mesh"]
             return name, read_mesh(folder, name)
         except (ValueError, KeyError, TypeError, FileNotFoundError) as error:
             _logger.warning("made again, as the cache is damaged: %s", error)
@@ -56,13 +56,6 @@ def ready_mesh(model: CatalogueModel, folder: Path) -> tuple[str, TriangleMesh]:
     name = write_mesh(folder, mesh)
     atomic.write_json(note, {"mesh": name, "model": model.id, "recipe": RECIPE})
     return name, mesh
-
-
-def _noted_name(note: Path) -> str:
-    name = json.loads(note.read_bytes())["mesh"]
-    if len(name) != 64 or not name.isalnum():
-        raise ValueError(f"{note}: {name!r} is no name of a mesh")
-    return name
 
 
 def _key(model: CatalogueModel) -> str:

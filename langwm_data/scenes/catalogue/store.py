@@ -8,6 +8,7 @@ so no file grows when it is read.
 
 import hashlib
 import io
+import re
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -71,7 +72,13 @@ def write_mesh(folder: Path, mesh: TriangleMesh) -> str:
 
 
 def mesh_path(folder: Path, name: str) -> Path:
-    """Where the mesh called ``name`` lies."""
+    """Where the mesh called ``name`` lies.
+
+    Raises:
+        ValueError: If that is no name of a mesh.
+    """
+    if not re.fullmatch("[0-9a-f]{64}", name):
+        raise ValueError(f"{name!r} is no name of a mesh; names are 64 hexadecimal digits")
     return folder / f"{name}.npz"
 
 
@@ -105,7 +112,8 @@ def decode_mesh(data: bytes) -> TriangleMesh:
         entries = _entries(data)
         arrays = {name: _array(entries[name], *kind) for name, kind in _ARRAYS.items()}
         textures = [
-            _array(entries[f"texture_{i}"], np.uint8, None).tobytes() for i in range(len(entries) - 7)
+            _array(entries[f"texture_{i}"], np.uint8, None).tobytes()
+            for i in range(len(entries) - len(_ARRAYS))
         ]
     except (zipfile.BadZipFile, KeyError, EOFError, SyntaxError, NotImplementedError) as error:
         raise ValueError(f"no mesh: {error}") from error
@@ -128,8 +136,9 @@ def decode_mesh(data: bytes) -> TriangleMesh:
 def _entries(data: bytes) -> dict[str, bytes]:
     with zipfile.ZipFile(io.BytesIO(data)) as file:
         infos = file.infolist()
-        if len(infos) > len(_ARRAYS) + MAX_MATERIALS:
-            raise ValueError(f"has {len(infos)} arrays")
+        most = len(_ARRAYS) + MAX_MATERIALS
+        if len(infos) > most:
+            raise ValueError(f"has {len(infos)} arrays; at most {most} are read")
         # Stored entries cannot grow; entries that overlap could.
         if any(i.compress_type != zipfile.ZIP_STORED for i in infos) or sum(i.file_size for i in infos) > len(
             data

@@ -72,6 +72,12 @@ def test_a_changed_file_is_refused(tmp_path, mesh):
         read_mesh(tmp_path, name)
 
 
+@pytest.mark.parametrize("name", ["../../etc/passwd", "", "0" * 63, "G" * 64])
+def test_only_checksums_are_names(tmp_path, name):
+    with pytest.raises(ValueError, match="is no name of a mesh; names are 64 hexadecimal digits"):
+        read_mesh(tmp_path, name)
+
+
 def test_a_huge_file_is_refused_unread(tmp_path, mesh, monkeypatch):
     name = write_mesh(tmp_path, mesh)
     monkeypatch.setattr(store, "MAX_FILE_BYTES", 9)
@@ -119,6 +125,7 @@ def claim_a_billion(data):
         ("texture_of", lambda _: npy(np.array([0, 1], np.int32)), "has materials without colour or texture"),
         ("normals", lambda _: None, "no mesh: "),
         ("normals", lambda _: b"hello", "EOF|magic"),
+        ("normals", lambda d: d[:6] + b"\2" + d[7:], "has an array of another version of NumPy's format"),
     ],
 )
 def test_files_that_are_no_sound_mesh_are_refused(tmp_path, mesh, name, change, sentence):
@@ -136,6 +143,12 @@ def test_compressed_files_and_others_are_refused(mesh):
         decode_mesh(buffer.getvalue())
     with pytest.raises(ValueError, match="no mesh: File is not a zip file"):
         decode_mesh(b"hello")
+
+
+def test_a_file_of_countless_arrays_is_refused(mesh, monkeypatch):
+    monkeypatch.setattr(store, "MAX_MATERIALS", 0)
+    with pytest.raises(ValueError, match="has 8 arrays; at most 7 are read"):
+        decode_mesh(encode_mesh(mesh))
 
 
 def test_more_triangles_than_the_limit_are_refused(mesh, monkeypatch):
