@@ -3,7 +3,7 @@
 from dataclasses import field
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from langwm_data.config_io import ConfigError, config
 
@@ -124,6 +124,29 @@ class ViewsConfig:
         return -(-self.frames_per_palette // unit) * unit
 
 
+def _ascending(limits: tuple[float, float]) -> tuple[float, float]:
+    if limits[0] > limits[1]:
+        raise ValueError("give the lower limit first")
+    return limits
+
+
+@config
+class RandomizeConfig:
+    """How often materials and lights are drawn anew, and from what. Source: ours."""
+
+    palette: Literal["block", "frame"] = "block"
+    """``block``: for ``cameras.frames_per_palette`` frames; ``frame``: for each."""
+    lights: Literal["fixed", "block", "frame"] = "fixed"
+    """``fixed``: as ``render.lights`` says; else drawn around it, recorded with every frame."""
+    light_factor: Annotated[tuple[Positive, Positive], AfterValidator(_ascending)] = (0.6, 1.2)
+    """Limits of what the strength of each light is multiplied by."""
+    light_temperature_k: Annotated[
+        tuple[Annotated[float, Field(ge=2222, le=25000)], Annotated[float, Field(ge=2222, le=25000)]],
+        AfterValidator(_ascending),
+    ] = (3500.0, 9000.0)
+    """Limits of the colour temperature of each light, kelvin; 6500 is about white."""
+
+
 @config
 class LabelsConfig:
     """What counts as an object worth a caption, and how its distance is said."""
@@ -155,12 +178,17 @@ class DatasetConfig:
     scenes: ScenesConfig = field(default_factory=ScenesConfig)
     splits: SplitsConfig = field(default_factory=SplitsConfig)
     render: RenderConfig = field(default_factory=RenderConfig)
+    randomize: RandomizeConfig = field(default_factory=RandomizeConfig)
     cameras: ViewsConfig = field(default_factory=ViewsConfig)
     labels: LabelsConfig = field(default_factory=LabelsConfig)
     shards: ShardsConfig = field(default_factory=ShardsConfig)
 
     def __post_init__(self) -> None:
-        """Refuse cameras that look into things."""
+        """Refuse cameras that look into things, and lights that the renderer does not have."""
+        if self.randomize.lights != "fixed" and self.render.backend == "tiny":
+            raise ConfigError(
+                f"randomize.lights {self.randomize.lights} needs render.backend auto, gl or embree"
+            )
         if self.cameras.min_clearance_m < self.camera.near_m:
             raise ConfigError(
                 f"cameras.min_clearance_m {self.cameras.min_clearance_m} must not be less than"

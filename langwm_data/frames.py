@@ -26,6 +26,7 @@ from langwm_data.shards.sample import Sample, to_metres, to_millimetres
 from langwm_data.shards.scenes import read_scene, write_scene
 from langwm_data.shards.writer import write_shard
 from langwm_data.sim.camera import Camera
+from langwm_data.sim.lights import Lights, sample_lights
 from langwm_data.sim.render import Frame, make_renderer
 from langwm_data.trajectories import Pose, simulate_trajectory
 from langwm_data.views import Sights, View, camera_space, draw_views
@@ -53,14 +54,18 @@ class Floor:
     """By instance id."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Block:
-    """What consecutive frames have in common: a floor in one choice of materials."""
+Occasion = tuple[str | int, ...]
+"""What a random choice was made for, as ``make_rng`` takes it."""
 
-    split: Split
-    number: int
+
+@dataclass(frozen=True, kw_only=True)
+class Look:
+    """What the renderer holds: a floor in one choice of materials and lights."""
+
+    occasions: tuple[Occasion, Occasion]
+    """Those of materials and of lights."""
     scene: SceneSpec
-    materials: list[str]
+    lights: Lights
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +85,7 @@ class RenderWorker:
         self._config = config
         self._folder = folder
         self._floors: dict[str, Floor] = {}
-        self._shown: Block | None = None
+        self._shown: Look | None = None
         self._drive: tuple[Split, int, list[Pose]] | None = None
         """Split, number and poses of the last trajectory: its frames mostly come one after the other."""
 
@@ -111,7 +116,7 @@ class RenderWorker:
         Of the views that there are for it, the first that shows an object worth a caption is taken, else
         the last.
         """
-        block, floor = self._show(plan), self._floor(plan.scene)
+        look, floor = self._show(plan), self._floor(plan.scene)
         rng = make_rng(self._config.seed, "frame", plan.split, plan.number)
         shot = None
         for view in self._views(plan, floor, rng):
@@ -121,7 +126,7 @@ class RenderWorker:
         assert shot is not None, "there is at least one view"
         extents = amodal_extents(floor.solids, shot.camera, {o.instance: o.area_px for o in shot.labels})
         objects = [describe_object(label, extents[label.instance]) for label in shot.labels]
-        return _assemble(plan, block, shot, objects)
+        return _assemble(plan, look, shot, objects)
 
     def _views(self, plan: FramePlan, floor: Floor, rng: np.random.Generator) -> Iterator[View]:
         config = self._config
@@ -147,22 +152,34 @@ class RenderWorker:
         labels = label_frame(frame.instance, frame.depth, floor.table, self._config.labels, rng)
         return Shot(view=view, camera=camera, frame=frame, labels=labels)
 
-    def _show(self, plan: FramePlan) -> Block:
-        """Have the renderer hold the scene and materials of this frame's block."""
+    def _show(self, plan: FramePlan) -> Look:
+        """Have the renderer hold this frame's scene, in its materials and lights."""
+        randomize = self._config.randomize
+        occasions = (
+            _occasion(plan, "palette", randomize.palette),
+            _occasion(plan, "lights", randomize.lights),
+        )
         shown = self._shown
-        if shown is None or (shown.split, shown.number) != (plan.split, plan.block):
-            rng = make_rng(self._config.seed, "palette", plan.split, plan.block)
-            scene = self._floor(plan.scene).scene
-            scene = scene.with_palette(sample_palette(rng, scene.slots, plan.split))
-            check_palette(scene)
+        if shown is None or (shown.scene.name, shown.occasions) != (plan.scene, occasions):
+            scene = self._draw_scene(plan, occasions[0])
             if shown is not None and shown.scene.name == scene.name:
                 self._renderer.set_palette(scene.palette)
             else:
                 self._renderer.load(scene)
-            materials = [str(material) for material in scene.palette]
-            shown = Block(split=plan.split, number=plan.block, scene=scene, materials=materials)
-            self._shown = shown
+            lights = Lights.of(self._config.render.lights)
+            if randomize.lights != "fixed":
+                rng = make_rng(self._config.seed, *occasions[1])
+                lights = sample_lights(rng, self._config.render.lights, randomize)
+                self._renderer.set_lights(lights)
+            self._shown = shown = Look(occasions=occasions, scene=scene, lights=lights)
         return shown
+
+    def _draw_scene(self, plan: FramePlan, occasion: Occasion) -> SceneSpec:
+        scene = self._floor(plan.scene).scene
+        rng = make_rng(self._config.seed, *occasion)
+        scene = scene.with_palette(sample_palette(rng, scene.slots, plan.split))
+        check_palette(scene)
+        return scene
 
     def _floor(self, name: str) -> Floor:
         """One of the few floors of the dataset; all are kept."""
@@ -178,7 +195,7 @@ class RenderWorker:
         return self._floors[name]
 
 
-def _assemble(plan: FramePlan, block: Block, shot: Shot, objects: list[dict[str, Any]]) -> Sample:
+def _assemble(plan: FramePlan, look: Look, shot: Shot, objects: list[dict[str, Any]]) -> Sample:
     largest = max((obj for obj in objects if obj["captions"]), key=lambda o: o["area_px"], default=None)
     return Sample(
         key=plan.key,
@@ -186,17 +203,25 @@ def _assemble(plan: FramePlan, block: Block, shot: Shot, objects: list[dict[str,
         depth=shot.frame.depth,
         instance=shot.frame.instance,
         meta={
-            "scene": block.scene.name,
-            "building": block.scene.building,
-            "floor": block.scene.floor,
+            "scene": look.scene.name,
+            "building": look.scene.building,
+            "floor": look.scene.floor,
             "split": plan.split,
-            "palette": block.materials,
+            "palette": [str(material) for material in look.scene.palette],
+            "lights": look.lights.describe(),
             **describe_view(shot.view),
             "camera": describe_camera(shot.camera),
             "objects": objects,
         },
         caption=largest["captions"][0]["text"] if largest else "",
     )
+
+
+def _occasion(plan: FramePlan, what: str, every: str) -> Occasion:
+    """What a choice made for ``every`` block or frame is made for; for all frames where it is fixed."""
+    if every == "frame":
+        return (what, "frame", plan.split, plan.number)
+    return (what, plan.split, plan.block) if every == "block" else (what,)
 
 
 def describe_view(view: View) -> dict[str, Any]:

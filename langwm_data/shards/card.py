@@ -49,6 +49,7 @@ FEATURES: dict[str, Any] = {
         "floor": "int64",
         "split": "string",
         "palette": ["string"],
+        "lights": {name: ["float64"] for name in ("ambient", "sun", "lamp", "sun_direction")},
         "trajectory": "int64",
         "step": "int64",
         "action": ["float64"],
@@ -92,6 +93,7 @@ Floors and texture ids of the test split do not occur in the training split.
   Frames of one drive share `trajectory`, its number in the split, and count their `step` from 0, every
   0.1 s; `action` is what led to the frame, forward speed / (0.5 m/s) and turning speed / (pi/2 rad/s, left
   positive), zeros at step 0. Where frames stand alone `trajectory` is -1.
+  `lights` are the strengths of red, green and blue of each light of the home, where the renderer has them.
 - `txt`: the caption of the largest captioned object, empty where there is none.
 
 `index/frames.parquet` and `index/objects.parquet` have a row per frame and per visible object,

@@ -69,6 +69,17 @@ class CameraDocument(TypedDict):
     pitch_rad: float
 
 
+class LightsDocument(TypedDict):
+    """``sim.lights.Lights`` in JSON."""
+
+    __pydantic_config__ = _STRICT  # pyright: ignore[reportGeneralTypeIssues]
+
+    ambient: Row3
+    sun: Row3
+    lamp: Row3
+    sun_direction: Row3
+
+
 class SampleDocument(TypedDict):
     """One sample's ``json``."""
 
@@ -79,6 +90,7 @@ class SampleDocument(TypedDict):
     floor: int
     split: str
     palette: list[str]
+    lights: LightsDocument
     trajectory: int
     step: int
     action: Pair

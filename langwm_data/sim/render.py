@@ -15,6 +15,7 @@ from langwm_data.config import RenderConfig
 from langwm_data.config_io import ConfigError
 from langwm_data.scenes.spec import MaterialRef, SceneSpec
 from langwm_data.sim.camera import Camera
+from langwm_data.sim.lights import Lights
 
 _log = logging.getLogger(__name__)
 
@@ -44,8 +45,12 @@ class Renderer(Protocol):
         """Change the materials of the scene held, keeping its geometry."""
         ...
 
+    def set_lights(self, lights: Lights) -> None:
+        """Change the lights, from those of the config on; they stay whatever scene is loaded."""
+        ...
+
     def render(self, camera: Camera) -> Frame:
-        """Draw the scene held. Same scene, palette and camera: same bytes, whatever came before."""
+        """Draw the scene held. Same scene, palette, lights and camera: same bytes, whatever came before."""
         ...
 
     def close(self) -> None:
@@ -63,6 +68,9 @@ class BlindRenderer:
 
     def set_palette(self, palette: Sequence[MaterialRef]) -> None:
         """Nothing to change."""
+
+    def set_lights(self, lights: Lights) -> None:
+        """Nothing to light."""
 
     def render(self, camera: Camera) -> Frame:
         """A frame of zeros."""

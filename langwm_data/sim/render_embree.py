@@ -17,6 +17,7 @@ from langwm_data.scenes.spec import MaterialRef, SceneSpec
 from langwm_data.sim.antialias import QUARTERS, find_open_quarters, smooth_edges
 from langwm_data.sim.atlas import Atlas, Blocks, look_up
 from langwm_data.sim.camera import Camera
+from langwm_data.sim.lights import Lights
 from langwm_data.sim.render import Frame
 from langwm_data.sim.scene_mesh import SCENES_KEPT, SceneMesh, scene_mesh
 from langwm_data.sim.shading import level_of_detail, light, pixel_to_ray
@@ -101,6 +102,7 @@ class EmbreeRenderer:
 
     def __init__(self, config: RenderConfig) -> None:
         self._config = config
+        self._lights = Lights.of(config.lights)
         self._store = _texture_store(config.texture_px)
         self._scene: SceneSpec | None = None
 
@@ -119,6 +121,10 @@ class EmbreeRenderer:
         assert self._scene is not None, "load a scene first"
         self._scene = self._scene.with_palette(palette)
         self._blocks = Blocks(self._store.atlas, self._scene.palette)
+
+    def set_lights(self, lights: Lights) -> None:
+        """Change the lights, keeping the scene and its materials."""
+        self._lights = lights
 
     def render(self, camera: Camera) -> Frame:
         """Draw the scene held."""
@@ -151,7 +157,7 @@ class EmbreeRenderer:
         eye = np.asarray(camera.position, np.float32)[:, None]
         to_lamp = self._mesh.face_lamp.T.take(hit.face, axis=1)
         to_lamp -= eye + ray * hit.depth
-        brightness = light(hit.normal, to_lamp, self._config.lights) * (hit.face > 0)
+        brightness = light(hit.normal, to_lamp, self._lights) * (hit.face > 0)
         planes = (color * brightness + np.float32(0.5)).astype(np.uint8)
         return np.ascontiguousarray(planes.T)
 

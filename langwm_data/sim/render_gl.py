@@ -15,6 +15,7 @@ from langwm_data.sim.antialias import QUARTERS, OpenQuarters, find_open_quarters
 from langwm_data.sim.atlas import Blocks
 from langwm_data.sim.camera import Camera
 from langwm_data.sim.gl_device import FACE_COLUMNS, Targets, gl_device
+from langwm_data.sim.lights import Lights
 from langwm_data.sim.render import Frame
 from langwm_data.sim.scene_mesh import SceneMesh, scene_mesh
 from langwm_data.sim.shading import pixel_to_ray
@@ -27,6 +28,7 @@ class GlRenderer:
 
     def __init__(self, config: RenderConfig) -> None:
         self._config = config
+        self._lights = Lights.of(config.lights)
         self._device = gl_device(config.egl_device)
         self._atlas, self._picture = self._device.atlas(config.texture_px)
         self._held: list[Any] = []
@@ -56,6 +58,10 @@ class GlRenderer:
         assert self._held, "load a scene first"
         self._scene = self._scene.with_palette(palette)
         self._use_palette()
+
+    def set_lights(self, lights: Lights) -> None:
+        """Change the lights, keeping the scene and its materials."""
+        self._lights = lights
 
     def render(self, camera: Camera) -> Frame:
         """Draw the scene held."""
@@ -108,7 +114,9 @@ class GlRenderer:
         colors["texels"] = config.texture_px / camera.focal_px
         colors["texels_per_metre"] = config.texture_px
         colors["atlas_size"] = self._picture.size
-        colors["lights"] = config.lights.ambient, config.lights.sun, config.lights.lamp
+        lights = self._lights
+        colors["lights"] = (*lights.ambient, *lights.sun, *lights.lamp)
+        colors["sun_direction"] = lights.sun_direction
 
 
 def _read_quarters(targets: Targets, quarters: OpenQuarters, shape: tuple[int, ...]) -> NDArray[np.int32]:

@@ -15,10 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from langwm_data.config import RenderConfig
+from langwm_data.config_io import ConfigError
 from langwm_data.scenes.spec import MaterialRef, SceneSpec
 from langwm_data.scenes.textures import texture_image, tile_size_m
 from langwm_data.sim.bullet import import_pybullet, quiet
 from langwm_data.sim.camera import Camera
+from langwm_data.sim.lights import Lights
 from langwm_data.sim.mesh import Mesh, scene_groups
 from langwm_data.sim.render import Frame
 
@@ -81,6 +83,14 @@ class TinyRenderer:
         """
         assert self._scene is not None, "load a scene first"
         self._scene = self._scene.with_palette(palette)
+
+    def set_lights(self, lights: Lights) -> None:
+        """Refused: the lights of this renderer are fixed.
+
+        Raises:
+            ConfigError: Always.
+        """
+        raise ConfigError("render.backend 'tiny' has lights of its own; allowed: gl, embree")
 
     def render(self, camera: Camera) -> Frame:
         """Draw the scene held."""

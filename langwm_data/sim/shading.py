@@ -7,11 +7,9 @@ no light exceeds 1. There are no shadows. Source: ours (ADR-0008).
 import numpy as np
 from numpy.typing import NDArray
 
-from langwm_data.config import LightsConfig
 from langwm_data.sim.camera import Camera
+from langwm_data.sim.lights import Lights
 
-SUN_DIRECTION = (0.64, 0.38, 0.67)
-"""Towards the directional light, unit length; all six directions of walls, floor and ceiling differ."""
 SKY = 0.15
 """How much of the ambient light depends on whether a surface looks up or down."""
 LAMP_RADIUS_M = 0.6
@@ -24,15 +22,16 @@ MAX_STRETCH = 16.0
 Floats = NDArray[np.float32]
 
 SHADER = f"""
-uniform vec3 lights;  // ambient, sun, lamp
+uniform mat3 lights;  // columns: ambient, sun, lamp
+uniform vec3 sun_direction;
 uniform float texels;  // of the finest level, per pixel, one metre away
 
-float light(vec3 normal, vec3 to_lamp) {{
+vec3 light(vec3 normal, vec3 to_lamp) {{
     float lamp = max(dot(normal, to_lamp) + {LAMP_RADIUS_M}, 0.0)
         * {LAMP_REACH_M} / (dot(to_lamp, to_lamp) + {LAMP_REACH_M**2});
-    float sun = 0.5 + 0.5 * dot(normal, vec3{SUN_DIRECTION});
+    float sun = 0.5 + 0.5 * dot(normal, sun_direction);
     float ambient = 1.0 + {SKY} * (normal.z - 1.0);
-    return min(dot(lights, vec3(ambient, sun, lamp)), 1.0);
+    return min(lights * vec3(ambient, sun, lamp), 1.0);
 }}
 
 float level_of_detail(vec3 normal, vec3 ray, float z) {{
@@ -48,13 +47,16 @@ def pixel_to_ray(camera: Camera) -> NDArray[np.float64]:
     return camera.camera_to_world[:3, :3] @ np.linalg.inv(camera.intrinsics)
 
 
-def light(normal: Floats, to_lamp: Floats, lights: LightsConfig) -> Floats:
-    """Brightness (N,), 0 to 1, of surfaces with unit normals (3, N), ``to_lamp`` (3, N) away from a lamp."""
+def light(normal: Floats, to_lamp: Floats, lights: Lights) -> Floats:
+    """Brightness of red, green and blue (3, N), 0 to 1, of surfaces with unit normals (3, N), ``to_lamp``
+    (3, N) away from a lamp.
+    """
     lamp = np.maximum(_dot(normal, to_lamp) + LAMP_RADIUS_M, 0)
     lamp *= LAMP_REACH_M / (_dot(to_lamp, to_lamp) + LAMP_REACH_M**2)
-    sun = 0.5 + 0.5 * (np.asarray(SUN_DIRECTION, np.float32) @ normal)
+    sun = 0.5 + 0.5 * (np.asarray(lights.sun_direction, np.float32) @ normal)
     ambient = 1 + SKY * (normal[2] - 1)
-    return np.minimum(lights.ambient * ambient + lights.sun * sun + lights.lamp * lamp, 1)
+    colors = np.array([lights.ambient, lights.sun, lights.lamp], np.float32)[..., None]
+    return np.minimum(colors[0] * ambient + colors[1] * sun + colors[2] * lamp, 1)
 
 
 def level_of_detail(normal: Floats, ray: Floats, z: Floats, texels: float) -> Floats:

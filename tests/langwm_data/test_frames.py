@@ -1,6 +1,8 @@
 """Drives as they stand in a dataset: small pictures of real homes."""
 
+import json
 import math
+import shutil
 from itertools import pairwise
 
 import numpy as np
@@ -8,8 +10,11 @@ import pytest
 
 from langwm_data import ShardDataset, render_dataset
 from langwm_data.config import DatasetConfig
-from langwm_data.config_io import build_config
+from langwm_data.config_io import build_config, config_to_dict, merge
+from langwm_data.frames import RenderWorker
+from langwm_data.plan import plan_frame
 from langwm_data.scenes.navigation import FreeSpace
+from langwm_data.shards.sample import encode_sample
 from langwm_data.shards.writer import sha256_of
 from langwm_data.trajectories import Pose, drive
 
@@ -79,3 +84,19 @@ def test_the_index_has_the_drives(folder, metas):
         assert frames[name].to_pylist() == [meta[name] for meta in metas]
     poses = zip(*(frames[name].to_pylist() for name in ("camera_x", "camera_y", "yaw_rad")), strict=True)
     assert [list(pose) for pose in poses] == [meta["pose"] for meta in metas]
+
+
+@pytest.mark.parametrize(("every", "choices"), [("block", 2), ("frame", 6)])
+def test_materials_and_lights_are_drawn_as_often_as_asked(folder, tmp_path, every, choices):
+    values = {"randomize": {"palette": every, "lights": every}, "render": {"backend": "embree"}}
+    config = build_config(DatasetConfig, merge(config_to_dict(CONFIG), values))
+    shutil.copytree(folder / "scenes", tmp_path / "scenes")
+    plans = [plan_frame(config, "train", number) for number in (0, 1, 9, 10, 11, 13)]
+    with RenderWorker(config, tmp_path) as worker:
+        samples = [worker.make_sample(plan) for plan in plans]
+    with RenderWorker(config, tmp_path) as worker:
+        again = [worker.make_sample(plan) for plan in reversed(plans)][::-1]
+    for sample, other in zip(samples, again, strict=True):
+        assert encode_sample(sample) == encode_sample(other)
+    assert len({json.dumps(sample.meta["lights"]) for sample in samples}) == choices
+    assert len({tuple(sample.meta["palette"]) for sample in samples}) == choices

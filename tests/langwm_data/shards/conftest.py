@@ -43,6 +43,12 @@ def make_sample(split, number):
             "floor": 0,
             "split": split,
             "palette": ["wood/01", "paint/02"],
+            "lights": {
+                "ambient": [0.5] * 3,
+                "sun": [0.25] * 3,
+                "lamp": [0.5] * 3,
+                "sun_direction": [0.0, 0.0, 1.0],
+            },
             "trajectory": number // 3,
             "step": number % 3,
             "action": [0.5, -0.25] if number % 3 else [0.0, 0.0],

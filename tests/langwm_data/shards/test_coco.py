@@ -76,6 +76,12 @@ def make_sample(split, number):
             "floor": 0,
             "split": split,
             "palette": ["wood/01"],
+            "lights": {
+                "ambient": [0.5] * 3,
+                "sun": [0.25] * 3,
+                "lamp": [0.5] * 3,
+                "sun_direction": [0.0, 0.0, 1.0],
+            },
             "trajectory": -1,
             "step": 0,
             "action": [0.0, 0.0],

@@ -14,12 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from langwm_data.config import CameraConfig, LightsConfig, RenderConfig, RobotConfig
+from langwm_data.config import CameraConfig, LightsConfig, RandomizeConfig, RenderConfig, RobotConfig
 from langwm_data.config_io import ConfigError
 from langwm_data.scenes.navigation import FreeSpace
 from langwm_data.scenes.spec import MaterialRef, SceneSpec
 from langwm_data.sim import atlas, gl_device, render, render_embree
 from langwm_data.sim.camera import Camera
+from langwm_data.sim.lights import Lights, sample_lights
 from langwm_data.sim.render import describe_renderer, make_renderer, resolve_backend
 from langwm_data.sim.world import bake_home
 
@@ -246,6 +247,52 @@ def test_lights_can_be_turned_down(fast, small_scene):
         lights = LightsConfig(ambient=0.1, sun=0.1, lamp=lamp)
         means.append(loaded(fast, small_scene, lights=lights).render(camera).rgb.mean())
     assert np.diff(means).min() > 5
+
+
+def test_coloured_lights_are_drawn_as_the_formula_says(fast, small_scene):
+    # Under ambient light alone, with no sky to speak of on a wall, a channel scales with its light.
+    camera = view(*VIEWS[0])
+    renderer = loaded(fast, small_scene, is_antialiased=False)
+    means = []
+    for color in ((0.8, 0.8, 0.8), (0.8, 0.4, 0.2)):
+        renderer.set_lights(Lights(ambient=color, sun=(0.0, 0.0, 0.0), lamp=(0.0, 0.0, 0.0)))
+        means.append(renderer.render(camera).rgb.mean(axis=(0, 1)))
+    np.testing.assert_allclose(means[1] / means[0], (1, 0.5, 0.25), atol=0.01)
+
+
+def test_the_sun_lights_what_faces_it(fast, small_scene):
+    camera = view(*VIEWS[0])
+    renderer = loaded(fast, small_scene)
+    means = []
+    for sign in (1, -1):
+        dark = (0.0, 0.0, 0.0)
+        towards = tuple(-sign * camera.camera_to_world[:3, 2])
+        renderer.set_lights(Lights(ambient=dark, sun=(0.9, 0.9, 0.9), lamp=dark, sun_direction=towards))
+        means.append(renderer.render(camera).rgb.mean())
+    assert means[0] > 2 * means[1]
+
+
+def test_lights_change_colours_only_and_stay_for_the_next_scene(fast, small_scene):
+    camera = view(*VIEWS[0])
+    renderer = loaded(fast, small_scene)
+    before = renderer.render(camera)
+    lights = sample_lights(np.random.default_rng(0), LightsConfig(), RandomizeConfig())
+    renderer.set_lights(lights)
+    after = renderer.render(camera)
+    assert not np.array_equal(before.rgb, after.rgb)
+    assert np.array_equal(before.depth, after.depth)
+    assert np.array_equal(before.instance, after.instance)
+    renderer.load(small_scene)
+    assert same(renderer.render(camera), after)
+    renderer.set_lights(Lights.of(LightsConfig()))
+    assert same(renderer.render(camera), before)
+
+
+def test_tiny_refuses_other_lights():
+    renderer = make_renderer(RenderConfig(backend="tiny"))
+    with pytest.raises(ConfigError, match="'tiny' has lights of its own; allowed: gl, embree"):
+        renderer.set_lights(Lights.of(LightsConfig()))
+    renderer.close()
 
 
 def test_palette_changes_colours_only_and_as_loading_would(fast, small_scene):

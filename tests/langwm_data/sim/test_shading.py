@@ -5,14 +5,18 @@ import pytest
 
 from langwm_data.config import CameraConfig, LightsConfig
 from langwm_data.sim.camera import Camera
-from langwm_data.sim.shading import MAX_STRETCH, SUN_DIRECTION, level_of_detail, light, pixel_to_ray
+from langwm_data.sim.lights import SUN_DIRECTION, Lights
+from langwm_data.sim.shading import MAX_STRETCH, level_of_detail, light, pixel_to_ray
 
 UP = np.float32([[0], [0], [1]])
 LAMP_ONLY = LightsConfig(ambient=0, sun=0, lamp=0.6)
 
 
 def lit(normal, to_lamp, lights):
-    return float(light(np.float32(normal).reshape(3, 1), np.float32(to_lamp).reshape(3, 1), lights)[0])
+    normal, to_lamp = np.float32(normal).reshape(3, 1), np.float32(to_lamp).reshape(3, 1)
+    red, green, blue = light(normal, to_lamp, Lights.of(lights))[:, 0].tolist()
+    assert red == green == blue
+    return red
 
 
 def test_the_direction_of_the_sun_has_unit_length():
