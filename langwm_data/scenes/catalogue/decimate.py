@@ -18,7 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from langwm_data.scenes.catalogue.distances import to_segments, to_triangles
-from langwm_data.scenes.catalogue.normals import face_vectors, smooth_normals, welded
+from langwm_data.scenes.catalogue.normals import (
+    face_vectors,
+    mean_normals,
+    smooth_normals,
+    welded,
+)
 from langwm_data.scenes.catalogue.obj import unique_columns
 from langwm_data.scenes.catalogue.triangles import TriangleMesh
 from langwm_data.seeding import make_rng
@@ -68,25 +73,26 @@ class _Moves:
 def decimate(mesh: TriangleMesh, max_error_m: float) -> TriangleMesh:
     """The same surface in fewer triangles, nowhere further than ``max_error_m`` from where it was.
 
-    Normals are those of smoothed faces (see ``normals``). Texture places are kept at the vertices that stay,
-    and run straight between them.
+    Normals follow from the new faces, smooth where the old ones were (see ``normals``). Texture places are
+    kept at the vertices that stay, and run straight between them.
     """
-    state, normals, uvs = _begin(mesh)
+    state, fan, uvs = _begin(mesh)
     for stage, share in enumerate(STAGES):
         for number in range(MAX_PASSES):
             rng = make_rng(_SEED, "decimate", stage, number)
             state, num_moved = _pass(rng, state, share * max_error_m)
             if num_moved <= WORTHWHILE * len(state.triangles):
                 break
-    return _finished(state, normals, uvs, mesh)
+    return _finished(state, fan, uvs, mesh)
 
 
-def _begin(mesh: TriangleMesh) -> tuple[_State, Floats, NDArray[np.float32]]:
+def _begin(mesh: TriangleMesh) -> tuple[_State, Ints, NDArray[np.float32]]:
+    """The mesh in wedges, and for each of them the smooth surface around it and its place on the texture."""
     vertices = mesh.vertices.astype(np.float64)
     corners = mesh.triangles.astype(np.int64)
     is_solid = np.linalg.norm(face_vectors(vertices, corners), axis=1) > 0
     corners, group = corners[is_solid], mesh.group_of_triangles()[is_solid].astype(np.int64)
-    normals, fan = smooth_normals(vertices, corners)
+    _, fan = smooth_normals(vertices, corners)
     places = welded(vertices)
     points = np.zeros((places.max() + 1, 3))
     points[places] = vertices
@@ -101,16 +107,17 @@ def _begin(mesh: TriangleMesh) -> tuple[_State, Floats, NDArray[np.float32]]:
         group=group,
         error=np.zeros(len(corners)),
     )
-    return state, normals[fan.ravel()[first]], mesh.uvs[vertex]
+    return state, fan.ravel()[first], mesh.uvs[vertex]
 
 
-def _finished(state: _State, normals: Floats, uvs: NDArray[np.float32], mesh: TriangleMesh) -> TriangleMesh:
+def _finished(state: _State, fan: Ints, uvs: NDArray[np.float32], mesh: TriangleMesh) -> TriangleMesh:
     used, triangles = np.unique(state.triangles, return_inverse=True)
+    normals = mean_normals(state.points, state.place[state.triangles], fan[state.triangles])
     groups, sizes = np.unique(state.group, return_counts=True)
     return replace(
         mesh,
         vertices=state.points[state.place[used]].astype(np.float32),
-        normals=normals[used].astype(np.float32),
+        normals=normals[fan[used]].astype(np.float32),
         uvs=uvs[used],
         triangles=triangles.reshape(-1, 3).astype(np.int32),
         sizes=tuple(sizes.tolist()),

@@ -38,7 +38,7 @@ def smooth_normals(vertices: Floats, triangles: Ints) -> tuple[Floats, Ints]:
 
     Corners share a normal where their triangles meet at a place, linked by edges that are not creases.
     The normal is the mean over these triangles, weighted by their angles there, so that it does not depend
-    on how polygons were cut.
+    on how polygons were cut, and by their areas, so that large flat faces stay flat beside small bevels.
 
     Args:
         vertices: (V, 3), any unit; triangles need not share them.
@@ -50,11 +50,17 @@ def smooth_normals(vertices: Floats, triangles: Ints) -> tuple[Floats, Ints]:
     first, second = _meeting_corners(places, units)
     num_corners = triangles.size
     links = coo_matrix((np.ones(len(first), bool), (first, second)), shape=(num_corners, num_corners))
-    num_fans, fan = connected_components(links, directed=False)
-    sums = np.zeros((num_fans, 3))
-    np.add.at(sums, fan, (units[:, None] * _angles(vertices[triangles])[..., None]).reshape(-1, 3))
+    fan = connected_components(links, directed=False)[1].reshape(-1, 3).astype(np.int64)
+    return mean_normals(vertices, triangles, fan), fan
+
+
+def mean_normals(vertices: Floats, triangles: Ints, fan: Ints) -> Floats:
+    """(F, 3): the unit normal of each number in ``fan`` (T, 3), which says what corners share one."""
+    weighted = face_vectors(vertices, triangles)[:, None] * _angles(vertices[triangles])[..., None]
+    sums = np.zeros((fan.max() + 1, 3))
+    np.add.at(sums, fan.ravel(), weighted.reshape(-1, 3))
     lengths = np.linalg.norm(sums, axis=1, keepdims=True)
-    return sums / np.where(lengths > 0, lengths, 1), fan.reshape(-1, 3).astype(np.int64)
+    return sums / np.where(lengths > 0, lengths, 1)
 
 
 def _angles(corners: Floats) -> Floats:
