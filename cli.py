@@ -95,17 +95,29 @@ def render_dataset_command(
 @app.command("inspect")
 def inspect_command(
     data: Annotated[Path, typer.Argument(help="Dataset folder.")],
+    key: Annotated[str | None, typer.Argument(help="Name of one frame; without it, the dataset.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="PNG of the frame, or .rrd with --rerun.")] = None,
     gallery: Annotated[Path | None, typer.Option("--gallery", help="Write an HTML page of frames.")] = None,
-    count: Annotated[int, typer.Option("--count", min=1, help="Frames on the page.")] = 24,
+    plots: Annotated[Path | None, typer.Option("--plots", help="Folder for histograms as PNG.")] = None,
+    rerun: Annotated[bool, typer.Option("--rerun", help="Show frames in the Rerun viewer.")] = False,
+    count: Annotated[int, typer.Option("--count", min=1, help="Frames on the page or in the viewer.")] = 24,
 ) -> None:
-    """Print what is in a dataset; show frames with masks, depth and captions."""
-    from langwm_data.shards.gallery import write_gallery
-    from langwm_data.shards.summary import summarise
+    """Print what is in a dataset or in one frame of it; show frames with masks, depth and captions."""
+    if key is not None and (gallery is not None or plots is not None):
+        raise typer.BadParameter("--gallery and --plots are of the whole dataset; give them without a key")
+    if out is not None and key is None and not rerun:
+        raise typer.BadParameter("--out is for one frame or --rerun; give a key, --gallery or --plots")
+    if key is not None:
+        _inspect_frame(data, key, None if rerun else out)
+    else:
+        _inspect_dataset(data, gallery, plots, count)
+    if rerun:
+        from langwm_data.shards.dataset import ShardDataset
+        from langwm_data.shards.gallery import spread
+        from langwm_data.shards.rerun_view import show_frames
 
-    typer.echo(summarise(data).as_text())
-    if gallery is not None:
-        write_gallery(data, gallery, count=count)
-        typer.echo(f"gallery at {gallery}")
+        dataset = ShardDataset(data)
+        show_frames((dataset[which] for which in ([key] if key else spread(dataset, count))), out)
 
 
 @app.command("export-coco")
@@ -238,6 +250,33 @@ def run(arguments: list[str]) -> int:
         return _fail(f"training diverged: {error}", 1)
     except (KeyboardInterrupt, typer.Abort):
         return _fail("interrupted; the same command goes on from here", 130)
+
+
+def _inspect_dataset(data: Path, gallery: Path | None, plots: Path | None, count: int) -> None:
+    from langwm_data.shards.gallery import write_gallery
+    from langwm_data.shards.plots import write_plots
+    from langwm_data.shards.summary import summarise
+
+    typer.echo(summarise(data).as_text())
+    if gallery is not None:
+        write_gallery(data, gallery, count=count)
+        typer.echo(f"gallery at {gallery}")
+    if plots is not None:
+        for path in write_plots(data, plots):
+            typer.echo(f"plot at {path}")
+
+
+def _inspect_frame(data: Path, key: str, out: Path | None) -> None:
+    from langwm_data.shards.dataset import ShardDataset
+    from langwm_data.shards.frame_picture import describe_frame, write_frame_picture
+
+    dataset = ShardDataset(data)
+    if key not in dataset.keys:
+        raise typer.BadParameter(f"{str(data)!r} has no frame {key!r}; its first is {dataset.keys[0]!r}")
+    typer.echo(describe_frame(dataset[key]))
+    if out is not None:
+        write_frame_picture(dataset[key], out)
+        typer.echo(f"picture at {out}")
 
 
 def _load(cls: type[T], package: str, presets: list[str], assignments: list[str], flags: dict[str, Any]) -> T:

@@ -40,6 +40,8 @@ def refuse(capsys, *arguments: str) -> str:
         (["render-dataset", "--out", "x", "--set", "frames"], "is not of the form a.b=value"),
         (["render-dataset", "--out", "x", "--frames", "0"], "'frames': value 0 is not allowed"),
         (["inspect", "nowhere"], "nowhere"),
+        (["inspect", "nowhere", "key", "--plots", "x"], "--gallery and --plots are of the whole dataset"),
+        (["inspect", "nowhere", "--out", "x.png"], "--out is for one frame or --rerun"),
         (["pretrain-mae", "--data", "nowhere", "--out", "x", "--preset", "debug"], "nowhere"),
         (["train-agent", "--out", "x", "--preset", "debug", "--system", "hal"], "'hal'"),
         (["train-agent", "--out", "x", "--preset", "debug", "--mae", "nowhere"], "nowhere"),

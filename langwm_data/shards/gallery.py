@@ -1,5 +1,6 @@
-"""A page to look at a dataset with: colour, instances, depth and captions of some frames, in one file."""
+"""A page to look at a dataset with: histograms, and colour, instances, depth and captions of some frames."""
 
+import base64
 import colorsys
 from importlib import resources
 from pathlib import Path
@@ -14,6 +15,7 @@ from langwm_data import atomic
 from langwm_data.png import image_address
 from langwm_data.scenes.taxonomy import is_structure, phrase
 from langwm_data.shards.dataset import ShardDataset
+from langwm_data.shards.plots import draw_plots
 from langwm_data.shards.sample import Sample
 
 _TEST_SHARE = 4
@@ -33,7 +35,7 @@ def write_gallery(path: Path | str, out_html: Path, *, count: int = 24) -> None:
         DatasetError: If there is no finished dataset at ``path``, or it is damaged.
     """
     dataset = ShardDataset(path)
-    samples = [dataset[number] for number in _spread(dataset, count)]
+    samples = [dataset[number] for number in spread(dataset, count)]
     depth_max_m = _round_depth(samples)
     manifest = dataset.manifest
     template = resources.files("langwm_data.shards") / "templates" / "gallery.html.j2"
@@ -44,6 +46,7 @@ def write_gallery(path: Path | str, out_html: Path, *, count: int = 24) -> None:
         f"{manifest.camera.height} x {manifest.camera.width} px",
         note=f"{manifest.generator}, renderer {manifest.renderer}; key: floor, then number in its split",
         ramp=", ".join(_ramp()),
+        plots=[_png_address(data) for data in draw_plots(dataset).values()],
         depth_max_m=depth_max_m,
         height=manifest.camera.height,
         width=manifest.camera.width,
@@ -51,6 +54,23 @@ def write_gallery(path: Path | str, out_html: Path, *, count: int = 24) -> None:
         frames=[_describe(sample, depth_max_m) for sample in samples],
     )
     atomic.write_text(out_html, page)
+
+
+def spread(dataset: ShardDataset, count: int) -> list[int]:
+    """Numbers of the frames to show: evenly spaced in each split."""
+    by_split = {
+        name: np.flatnonzero(np.asarray(dataset.frames["split"].to_pylist()) == name)
+        for name in dataset.manifest.splits
+    }
+    shares = dict.fromkeys(by_split, count)
+    if len(by_split) > 1:
+        shares["test"] = min(-(-count // _TEST_SHARE), len(by_split["test"]))
+        shares["train"] = count - shares["test"]
+    chosen: list[int] = []
+    for name, numbers in by_split.items():
+        num = min(shares[name], len(numbers))
+        chosen += numbers[np.linspace(0, len(numbers) - 1, num).round().astype(int)].tolist()
+    return chosen
 
 
 def instance_color(instance: int) -> tuple[int, int, int]:
@@ -76,23 +96,6 @@ def draw_depth(depth: NDArray[np.float32], max_m: float) -> NDArray[np.uint8]:
     image = cv2.applyColorMap(gray, cv2.COLORMAP_VIRIDIS)[..., ::-1].copy()
     image[depth == 0] = _INVALID_RGB
     return image.astype(np.uint8)
-
-
-def _spread(dataset: ShardDataset, count: int) -> list[int]:
-    """Numbers of the frames to show: evenly spaced in each split."""
-    by_split = {
-        name: np.flatnonzero(np.asarray(dataset.frames["split"].to_pylist()) == name)
-        for name in dataset.manifest.splits
-    }
-    shares = dict.fromkeys(by_split, count)
-    if len(by_split) > 1:
-        shares["test"] = min(-(-count // _TEST_SHARE), len(by_split["test"]))
-        shares["train"] = count - shares["test"]
-    chosen: list[int] = []
-    for name, numbers in by_split.items():
-        num = min(shares[name], len(numbers))
-        chosen += numbers[np.linspace(0, len(numbers) - 1, num).round().astype(int)].tolist()
-    return chosen
 
 
 def _round_depth(samples: list[Sample]) -> int:
@@ -151,6 +154,10 @@ def _place_names(objects: list[dict[str, Any]], height: int, font_px: float) -> 
         else:
             taken.append((left, left + length, baseline))
         obj["text_y"] = baseline
+
+
+def _png_address(data: bytes) -> str:
+    return "data:image/png;base64," + base64.b64encode(data).decode()
 
 
 def _font_px(height: int) -> float:

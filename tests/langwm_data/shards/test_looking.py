@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from langwm_data import ShardDataset
+from langwm_data.shards.frame_picture import describe_frame, write_frame_picture
 from langwm_data.shards.gallery import draw_depth, draw_instances, instance_color, write_gallery
+from langwm_data.shards.plots import furniture_by_split, write_plots
 from langwm_data.shards.sample import DatasetError
 from langwm_data.shards.summary import summarise
 
@@ -43,8 +45,8 @@ def test_gallery_is_one_file_with_images_and_captions(folder, tmp_path):
     HTMLParser().feed(html)
     assert html.count('<section class="frame">') == 8
     images = re.findall(r'(?:src|href)="data:image/png;base64,([^"]+)"', html)
-    assert len(images) == 3 * 8
-    assert cv2.imdecode(np.frombuffer(base64.b64decode(images[0]), np.uint8), 1).shape == (24, 32, 3)
+    assert len(images) == 4 + 3 * 8
+    assert cv2.imdecode(np.frombuffer(base64.b64decode(images[4]), np.uint8), 1).shape == (24, 32, 3)
     assert not re.search(r'(?:src|href)="(?!data:)', html)
     captions = [s.caption for s in ShardDataset(folder) if s.caption]
     assert sum(caption in html for caption in captions) >= 4
@@ -78,3 +80,42 @@ def test_depth_colours_run_with_depth_and_mark_invalid():
     brightness = image[0, 1:].astype(int).sum(axis=1)
     assert (np.diff(brightness)[:2] > 0).all()
     assert image[0, 3].tolist() == image[0, 4].tolist()
+
+
+def decode(data):
+    return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+
+
+def test_plots_are_pictures_named_for_what_they_show(folder, tmp_path):
+    paths = write_plots(folder, tmp_path / "plots")
+    names = {"distances.png", "areas.png", "visible_fractions.png", "categories.png"}
+    assert {p.name for p in paths} == {p.name for p in (tmp_path / "plots").iterdir()} == names
+    assert len({decode(p.read_bytes()).tobytes() for p in paths}) == 4
+
+
+def test_plots_leave_out_the_structure_and_keep_all_furniture(folder):
+    tables = furniture_by_split(ShardDataset(folder))
+    counts = {split: sorted(set(table["category"].to_pylist())) for split, table in tables.items()}
+    assert counts == {"train": ["chair", "sofa"], "test": ["sofa"]}
+    assert sum(map(len, tables.values())) == sum(summarise(folder).categories.values())
+
+
+def test_one_frame_is_described_by_its_objects_and_captions(folder):
+    sample = ShardDataset(folder)["Alder_0-000003"]
+    text = describe_frame(sample)
+    assert text.startswith(
+        "Alder_0-000003: train split, floor Alder_0, 2 materials\ncamera at (1.50, 2.50, 0.30) m"
+    )
+    rows = [line.split()[:2] for line in text.splitlines()[4:]]
+    assert rows == [["1", "wall"], ["2", "chair"]]
+    assert text.endswith(sample.caption)
+
+
+def test_one_frame_is_drawn_with_its_own_pixels(folder, tmp_path):
+    sample = ShardDataset(folder)["Alder_0-000003"]
+    write_frame_picture(sample, tmp_path / "frame.png")
+    drawn = decode((tmp_path / "frame.png").read_bytes())[..., ::-1]
+    colors = set(map(tuple, drawn.reshape(-1, 3).tolist()))
+    assert set(map(tuple, sample.rgb.reshape(-1, 3).tolist())) <= colors
+    assert instance_color(2) in colors
+    assert instance_color(3) not in colors
