@@ -127,6 +127,6 @@ def read_manifest(folder: Path) -> Manifest:
 def _schema_version(text: bytes) -> Any:  # noqa: ANN401
     try:
         document = json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     return document.get("schema_version") if isinstance(document, dict) else None
