@@ -17,7 +17,7 @@ from langwm_data.labels.captions import direction, format_distance
 from langwm_data.labels.instances import ObjectLabel, label_frame
 from langwm_data.labels.parse import parse_caption
 from langwm_data.scenes.spec import MaterialSlot, SceneSpec, Split
-from langwm_data.shards.document import CameraDocument, CaptionDocument, ObjectDocument, SampleDocument
+from langwm_data.shards.document import CaptionDocument, ObjectDocument, SampleDocument
 from langwm_data.shards.findings import foreign
 from langwm_data.shards.manifest import CameraRecord
 from langwm_data.shards.sample import (
@@ -36,7 +36,9 @@ MAX_CAPTION_BYTES = 1000
 
 _MEASURED = ("category", "model", "area_px", "direction_rule1", "direction_rule2")
 
-_DISTANCE_TOLERANCE_M = 1e-6
+_FRACTIONS = ("visible_fraction", "truncated_fraction", "occluded_fraction")
+
+_TOLERANCE = 1e-6
 """Processors add up a mean in different orders."""
 
 
@@ -126,9 +128,9 @@ def identity_faults(key: str, document: SampleDocument, split: Split, scene: Sce
     return faults
 
 
-def camera_faults(document: CameraDocument, camera: CameraRecord) -> list[str]:
-    """Whether size and intrinsics are the dataset's, and the pose that of its angles."""
-    faults = []
+def camera_faults(sample: SampleDocument, camera: CameraRecord) -> list[str]:
+    """Whether size and intrinsics are the dataset's, and the pose that of the camera's angles and place."""
+    document, faults = sample["camera"], []
     if (document["height"], document["width"], document["K"]) != (camera.height, camera.width, camera.K):
         faults.append("camera size or K is not that of the dataset")
     pose = np.array(document["camera_to_world"])
@@ -142,6 +144,8 @@ def camera_faults(document: CameraDocument, camera: CameraRecord) -> list[str]:
     )
     if not np.allclose(pose, again.camera_to_world, rtol=0, atol=1e-9):
         faults.append("camera_to_world is not the pose of yaw_rad and pitch_rad")
+    if sample["pose"] != [pose[0, 3], pose[1, 3], document["yaw_rad"]]:
+        faults.append("pose is not the place and yaw of the camera")
     return faults
 
 
@@ -218,8 +222,13 @@ def _object_faults(obj: ObjectDocument, truth: ObjectLabel) -> list[str]:
         for name, (said, measured) in pairs.items()
         if said != measured
     ]
-    if not math.isclose(obj["distance_m"], truth.distance_m, rel_tol=0, abs_tol=_DISTANCE_TOLERANCE_M):
+    if not math.isclose(obj["distance_m"], truth.distance_m, rel_tol=0, abs_tol=_TOLERANCE):
         faults.append(f"distance_m is {obj['distance_m']!r}; mask and depth say {truth.distance_m!r}")
+    visible, truncated, occluded = (obj[name] for name in _FRACTIONS)
+    if min(visible, truncated, occluded) < 0 or abs(visible - (1 - truncated) * (1 - occluded)) > _TOLERANCE:
+        faults.append(
+            f"visible, truncated and occluded fractions {visible}, {truncated}, {occluded} do not fit"
+        )
     if len(obj["captions"]) != len(truth.captions):
         faults.append(
             f"it has {len(obj['captions'])} captions; by its size and category {len(truth.captions)}"

@@ -24,6 +24,8 @@ from langwm_data.shards.writer import shard_path
 from langwm_data.sim.camera import Camera
 
 MAX_CARD_BYTES = 1 << 20
+_MAX_HEAD, _MAX_BRACKETS = 1 << 16, 200
+"""Of a card's YAML, 3 kB without brackets. PyYAML's time grows with the square of open brackets."""
 MAX_SCENE_BYTES = 32 << 20
 """A furnished floor takes 150 kB."""
 
@@ -155,6 +157,8 @@ def _head(card: bytes) -> dict[str, Any]:
     """
     try:
         _, head, _ = card.decode().split("---\n", 2)
+        if len(head) > _MAX_HEAD or head.count("[") + head.count("{") > _MAX_BRACKETS:
+            raise DatasetError("its head is longer or deeper than that of a data card")
         if any(isinstance(token, yaml.AliasToken) for token in yaml.scan(head)):
             raise DatasetError("its head has aliases")
         values = yaml.safe_load(head)

@@ -49,7 +49,8 @@ class Rows:
     """What the index says of one sample."""
 
     frame: dict[str, Any]
-    objects: list[dict[str, Any]]
+    objects: list[dict[str, Any]] | None
+    """Nothing where that table cannot be compared."""
 
 
 class HashingFile:
@@ -158,7 +159,7 @@ class ShardChecker:
             return [f"scene {foreign(document['scene'])} is no sound scene of the {split} split"]
         return [
             *identity_faults(key, document, split, scene),
-            *camera_faults(document["camera"], self._manifest.camera),
+            *camera_faults(document, self._manifest.camera),
             *sample_leaks(document, split),
         ]
 
@@ -181,7 +182,10 @@ class ShardChecker:
 
     def _rows(self, task: ShardCheck) -> Iterator[Rows]:
         """The index's rows of each sample in turn; none where the index cannot be compared."""
-        if task.frames is None or task.objects is None:
+        if task.frames is None:
+            return
+        if task.objects is None:
+            yield from (Rows(frame=frame, objects=None) for frame in self._frames.take(task.frames))
             return
         groups = groupby(self._objects.take(task.objects), itemgetter("key"))
         group = next(groups, None)
@@ -206,6 +210,8 @@ def _row_findings(
     """Whether the index says of a sample what it would say if it were made now."""
     if fault := row_fault(rows.frame, frame_row(sample, shard, places)):
         yield Finding(where=FRAMES_FILE, key=sample.key, what=fault)
+    if rows.objects is None:
+        return
     made = object_rows(sample)
     if len(made) != len(rows.objects):
         what = f"it has {len(rows.objects)} rows; the sample has {len(made)} objects"

@@ -3,6 +3,7 @@
 import dataclasses
 import io
 import json
+import re
 import shutil
 import tarfile
 from types import SimpleNamespace
@@ -13,6 +14,7 @@ from langwm_data import render_dataset
 from langwm_data.config import DatasetConfig
 from langwm_data.config_io import build_config
 from langwm_data.shards.manifest import MANIFEST_FILE, read_manifest
+from langwm_data.shards.verify import verify_dataset
 from langwm_data.shards.writer import TarWriter, sha256_of
 
 CONFIG = build_config(
@@ -23,7 +25,7 @@ CONFIG = build_config(
         "camera": {"height": 48, "width": 60},
         "render": {"texture_px": 16},
         "splits": {"test_fraction": 0.2},
-        "cameras": {"frames_per_palette": 4},
+        "cameras": {"frames_per_palette": 8},
         "shards": {"samples_per_shard": 4},
     },
 )
@@ -31,7 +33,7 @@ CONFIG = build_config(
 
 @pytest.fixture(scope="session")
 def sound(tmp_path_factory):
-    """Eight training frames of two floors and two test frames in three shards. Do not write into it."""
+    """Eight training frames of a floor, two test frames of another, in three shards. Do not write into it."""
     return render_dataset(CONFIG, tmp_path_factory.mktemp("verify") / "dataset")
 
 
@@ -131,6 +133,15 @@ class Vandal:
         data = bytearray((self.folder / path).read_bytes())
         data[offset] ^= mask
         (self.folder / path).write_bytes(data)
+
+    def assert_found(self, message, *, where=train, key=None):
+        """``verify`` says it of this file and key, and says nothing of any other key of the shard."""
+        key = self.key if key is None else key
+        findings = verify_dataset(self.folder).findings
+        said = [f.what for f in findings if (f.where, f.key) == (where, key)]
+        assert any(re.search(message, what) for what in said), "\n".join(map(str, findings))
+        if key and where == self.train:
+            assert {f.key for f in findings if f.where == where} <= {key, ""}
 
     def place(self, name, shard=train):
         """Offset and size of a file's bytes."""

@@ -2,7 +2,6 @@
 
 import io
 import os
-import re
 import struct
 import tarfile
 import zlib
@@ -358,22 +357,22 @@ DOCUMENTS = {
 def test_flipped_bits_are_named_by_shard_and_key(vandal, case):
     damage, message = BYTES[case]
     damage(vandal)
-    assert_found(vandal, message)
-    assert_found(vandal, "its SHA-256 is not that of the manifest", key="")
+    vandal.assert_found(message)
+    vandal.assert_found("its SHA-256 is not that of the manifest", key="")
 
 
 @pytest.mark.parametrize("case", WHOLE, ids=str)
 def test_a_shard_that_is_damaged_as_a_whole_is_named(vandal, case):
     damage, message = WHOLE[case]
     damage(vandal)
-    assert_found(vandal, message, key="")
+    vandal.assert_found(message, key="")
 
 
 @pytest.mark.parametrize("case", TAR, ids=str)
 def test_what_does_not_belong_in_a_tar_is_named(vandal, case):
     damage, message = TAR[case]
     damage(vandal)
-    assert_found(vandal, message)
+    vandal.assert_found(message)
 
 
 @pytest.mark.parametrize(
@@ -410,19 +409,19 @@ def test_tricks_in_names_are_named_and_nothing_is_written(vandal, name, tmp_path
 def test_a_wrong_picture_is_named(vandal, case):
     name, change, message = PICTURES[case]
     vandal.edit(name, change)
-    assert_found(vandal, message)
+    vandal.assert_found(message)
 
 
 def test_pictures_exchanged_are_named(vandal):
     swap(vandal, "depth.png", "rgb.png")
-    assert_found(vandal, "rgb.png is 16-bit gray; allowed: 8-bit RGB")
+    vandal.assert_found("rgb.png is 16-bit gray; allowed: 8-bit RGB")
 
 
 @pytest.mark.parametrize("case", DOCUMENTS, ids=str)
 def test_a_hostile_document_is_named(vandal, case):
     change, message = DOCUMENTS[case]
     vandal.edit("json", change)
-    assert_found(vandal, message)
+    vandal.assert_found(message)
 
 
 @pytest.mark.parametrize("name", ["depth.png", "instance.png", "txt"])
@@ -450,14 +449,4 @@ def test_a_whole_sample_under_another_key_is_named(vandal):
 )
 def test_a_wrong_text_is_named(vandal, data, message):
     vandal.edit("txt", lambda _: data)
-    assert_found(vandal, message)
-
-
-def assert_found(vandal, message, key=None):
-    """``verify`` says it of the right shard and key, and of no other key."""
-    key = vandal.key if key is None else key
-    findings = verify_dataset(vandal.folder).findings
-    of_shard = [f for f in findings if f.where == vandal.train and f.key == key]
-    assert any(re.search(message, f.what) for f in of_shard), "\n".join(map(str, findings))
-    if key:
-        assert {f.key for f in findings if f.where == vandal.train} <= {key, ""}
+    vandal.assert_found(message)
