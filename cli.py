@@ -15,11 +15,14 @@ import time
 import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
 from langwm_data.config_io import load_config, merge, parse_assignment
+
+if TYPE_CHECKING:
+    from langwm_data.shards.verify import VerifyReport
 
 app = typer.Typer(
     name="langwm",
@@ -132,6 +135,29 @@ def export_coco_command(
     with _progress("frames") as progress:
         path = export_coco(data, out, fresh=fresh, progress=progress)
     typer.echo(f"COCO files at {path}")
+
+
+@app.command("verify")
+def verify_command(
+    data: Annotated[Path, typer.Argument(help="Dataset folder.")],
+    ood: Annotated[bool, typer.Option("--ood", help="Prove instead that nothing held out leaked.")] = False,
+    repair: Annotated[bool, typer.Option("--repair", help="Make what is damaged again.")] = False,
+    rerender: Annotated[int, typer.Option("--rerender", min=0, help="Draw so many frames again.")] = 0,
+    workers: Annotated[int, typer.Option("--workers", min=1, help="Processes.")] = 1,
+) -> None:
+    """Look at every byte of a dataset; name the shard and key of whatever is wrong."""
+    if ood and (repair or rerender):
+        raise typer.BadParameter("--ood is a proof of its own; give it without --repair and --rerender")
+    if ood:
+        from langwm_data.shards.ood import verify_ood
+
+        with _progress("frames") as progress:
+            report = verify_ood(data, workers=workers, progress=progress)
+    else:
+        report = _verify(data, repair=repair, rerender=rerender, workers=workers)
+    typer.echo(report.as_text())
+    if not report.is_sound:
+        raise typer.Exit(1)
 
 
 @app.command("pretrain-mae")
@@ -277,6 +303,30 @@ def _inspect_frame(data: Path, key: str, out: Path | None) -> None:
     if out is not None:
         write_frame_picture(dataset[key], out)
         typer.echo(f"picture at {out}")
+
+
+def _verify(data: Path, *, repair: bool, rerender: int, workers: int) -> "VerifyReport":
+    """Verify, repair what was found where that is wanted, and verify what came of it."""
+    from langwm_data.redraw import redraw_frames
+    from langwm_data.repair import repair_dataset
+    from langwm_data.shards.verify import verify_dataset
+
+    def verify() -> "VerifyReport":
+        with _progress("frames") as progress:
+            report = verify_dataset(data, workers=workers, progress=progress)
+        if report.is_sound and rerender:
+            with _progress("frames drawn again") as progress:
+                report = report.with_findings(redraw_frames(data, rerender, progress=progress))
+        return report
+
+    report = verify()
+    if report.is_sound or not repair:
+        return report
+    typer.echo("\n".join(map(str, report.findings)))
+    with _progress("shards made again") as progress:
+        for name in repair_dataset(data, report.findings, progress=progress):
+            typer.echo(f"repaired: {name}")
+    return verify()
 
 
 def _load(cls: type[T], package: str, presets: list[str], assignments: list[str], flags: dict[str, Any]) -> T:
