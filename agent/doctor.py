@@ -7,7 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from langwm_data.config import RenderConfig
 from langwm_data.sim.bullet import import_pybullet
+from langwm_data.sim.render import describe_renderer
 
 REQUIRED = ("torch", "transformers", "opencv-python-headless", "pyarrow", "webdataset", "gymnasium")
 
@@ -23,9 +25,10 @@ class Finding:
 
 
 def diagnose() -> list[Finding]:
-    """Look for packages, physics, text weights, cores and disk; nothing is written."""
+    """Look for packages, physics, a renderer, text weights, cores and disk; nothing is written."""
     findings = [_package(name) for name in REQUIRED]
     findings.append(_try("pybullet", _pybullet))
+    findings.append(_try("renderer", _renderer))
     findings.append(_try("text weights (minilm)", _text_weights))
     findings.append(_try("accelerator", _accelerator, is_optional=True))
     free = shutil.disk_usage(Path.cwd()).free
@@ -53,6 +56,10 @@ def _try(name: str, look: Callable[[], str], *, is_optional: bool = False) -> Fi
 def _pybullet() -> str:
     import_pybullet()
     return importlib.metadata.version("pybullet")
+
+
+def _renderer() -> str:
+    return describe_renderer(RenderConfig())
 
 
 def _text_weights() -> str:
