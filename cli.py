@@ -72,6 +72,7 @@ def render_dataset_command(
     from langwm_data.engines import check_engine
     from langwm_data.pipeline import render_dataset, render_range
     from langwm_data.plan import parse_shards
+    from langwm_data.remote import is_url
 
     config = _load(DatasetConfig, "langwm_data", preset, assignments, {"frames": frames, "seed": seed})
     chosen = None if shards is None else parse_shards(shards)
@@ -90,7 +91,9 @@ def render_dataset_command(
         else:
             is_complete = render_range(config, out, chosen, workers=workers, engine=method, progress=progress)
     if not is_complete:
-        typer.echo(f"shards {shards} are in {out}; the dataset is complete when the others are")
+        typer.echo(f"shards {shards} are at {out}; the dataset is complete when the others are")
+    elif is_url(out):
+        typer.echo(f"dataset at {out}")
     else:
         typer.echo(f"dataset at {out}; look at it with: langwm inspect {out} --gallery gallery.html")
 

@@ -86,7 +86,10 @@ class RayPool:
         ray = _ray()
         self._is_ours = not ray.is_initialized()
         if self._is_ours:
-            ray.init(logging_level=logging.WARNING)
+            try:
+                ray.init(logging_level=logging.WARNING)
+            except Exception as error:  # Ray raises nothing narrower
+                raise ConnectionError(f"Ray does not start, or cannot be joined: {error}") from error
         options = {"num_cpus": 1, "max_retries": RAY_RETRIES, "max_calls": self._tasks_per_worker}
         self._remote = ray.remote(**options)(_do_task)
         return self

@@ -6,6 +6,7 @@ every complete shard its record and its rows of the index.
 
 import shutil
 import tempfile
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
@@ -14,7 +15,7 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from langwm_data.config import DatasetConfig
-from langwm_data.config_io import CONFIG_FILE, ConfigError
+from langwm_data.config_io import CONFIG_FILE, ConfigError, claim_output
 from langwm_data.frames import BakeTask, RenderWorker
 from langwm_data.plan import SPLITS, ShardTask
 from langwm_data.remote import RemoteFolder, is_url
@@ -27,6 +28,9 @@ from langwm_data.workers import Report, WorkerFactory
 
 FINGERPRINT_FILE = f"{WORK_DIR}/fingerprint"
 
+_BEGIN_TRIES = 50
+_BEGIN_WAIT_S = 0.1
+
 
 class Output(Protocol):
     """What the pipeline asks of a place to write to."""
@@ -34,8 +38,16 @@ class Output(Protocol):
     folder: Path
     """Local, with config, manifest, scenes and unfinished work, but not always the shards."""
 
+    def claim(self, config: DatasetConfig, *, fresh: bool) -> None:
+        """Make it the place of this config, or refuse."""
+        ...
+
     def announce(self) -> None:
         """Have everyone see the config and the fingerprint that stand in ``folder``."""
+        ...
+
+    def is_finished(self) -> bool:
+        """Whether the manifest is there, by whomever it was written."""
         ...
 
     def discard_work(self) -> None:
@@ -81,8 +93,21 @@ class LocalOutput:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
+    def claim(self, config: DatasetConfig, *, fresh: bool) -> None:
+        """Make it the folder of this config, or refuse; ranges may do so at once."""
+        try:
+            claim_output(self.folder, config, fresh=fresh)
+        except ConfigError:
+            if not _is_begun_elsewhere(self.folder):
+                raise
+            claim_output(self.folder, config, fresh=fresh)
+
     def announce(self) -> None:
         """Nothing to do: everyone reads the folder."""
+
+    def is_finished(self) -> bool:
+        """Whether the manifest is there, by whomever it was written."""
+        return (self.folder / MANIFEST_FILE).is_file()
 
     def discard_work(self) -> None:
         """Remove shards, scenes and records."""
@@ -114,19 +139,28 @@ class RemoteOutput:
     def __init__(self, url: str, folder: Path) -> None:
         self.folder = folder
         self._remote = RemoteFolder(url)
-        names = self._remote.names()
-        if names and CONFIG_FILE not in names:
+        entries = self._remote.entries()
+        if CONFIG_FILE not in entries and not all(e.startswith(f".{CONFIG_FILE}.") for e in entries):
             raise ConfigError(f"--out {url!r} is not empty and holds no {CONFIG_FILE}; give a new one")
-        for name in (CONFIG_FILE, MANIFEST_FILE):
-            if name in names:
-                self._remote.get(name, folder)
+        self._pull("", suffix=CONFIG_FILE)
         self._pull(SCENES_DIR)
-        self._pull(WORK_DIR)
+        self._pull(WORK_DIR, suffix=FINGERPRINT_FILE)
+
+    def claim(self, config: DatasetConfig, *, fresh: bool) -> None:
+        """Make it the place of this config, or refuse."""
+        try:
+            claim_output(self.folder, config, fresh=fresh)
+        except ConfigError as error:
+            raise ConfigError(str(error).replace(str(self.folder), self._remote.url)) from None
 
     def announce(self) -> None:
         """Upload the config and the fingerprint."""
         self._remote.put(self.folder, CONFIG_FILE)
         self._remote.put(self.folder, FINGERPRINT_FILE)
+
+    def is_finished(self) -> bool:
+        """Whether the manifest is there, by whomever it was written."""
+        return MANIFEST_FILE in self._remote.names()
 
     def discard_work(self) -> None:
         """Remove shards, scenes and records, here and there."""
@@ -144,7 +178,7 @@ class RemoteOutput:
 
     def complete_shards(self, tasks: Sequence[ShardTask], *, check_bytes: bool) -> list[ShardRecord]:
         """Records of those shards that are there with the right size; nothing is downloaded to compare."""
-        self._pull(WORK_DIR)
+        self._pull(WORK_DIR, suffix=".json")
         sizes = {name: size for split in SPLITS for name, size in self._remote.names(split).items()}
         paths = [shard_path(task.split, task.number) for task in tasks]
         records = [read_record(self.folder, path, size=sizes.get(path)) for path in paths]
@@ -156,14 +190,15 @@ class RemoteOutput:
 
     def finish(self, records: Sequence[ShardRecord], origin: Origin) -> None:
         """Make a dataset of all shards; the manifest arrives last."""
+        self._pull(WORK_DIR)
         finish_dataset(self.folder, records, origin)
         for name in (FRAMES_FILE, OBJECTS_FILE, CARD_FILE, MANIFEST_FILE):
             self._remote.put(self.folder, name)
         self.remove_leftovers()
 
-    def _pull(self, folder: str) -> None:
+    def _pull(self, folder: str, suffix: str = "") -> None:
         for name in self._remote.names(folder):
-            if not (self.folder / name).is_file() and not name.endswith(".tmp"):
+            if name.endswith(suffix) and not name.endswith(".tmp") and not (self.folder / name).is_file():
                 self._remote.get(name, self.folder)
 
 
@@ -199,6 +234,18 @@ class UploadingWorker:
         for name in (path, *part_files(path)):
             self._remote.put(self._folder, name)
             (self._folder / name).unlink()
+
+
+def _is_begun_elsewhere(folder: Path) -> bool:
+    """Whether another job is just putting its config into the folder; true once that stands there."""
+    for _ in range(_BEGIN_TRIES):
+        names = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+        if CONFIG_FILE in names:
+            return True
+        if not all(name.startswith(f".{CONFIG_FILE}.") for name in names):
+            return False
+        time.sleep(_BEGIN_WAIT_S)
+    return False
 
 
 def make_render_worker(config: DatasetConfig, folder: Path, renderer: str) -> RenderWorker:

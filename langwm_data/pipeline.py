@@ -15,13 +15,13 @@ from typing import Any, TypeVar
 
 from langwm_data import atomic
 from langwm_data.config import DatasetConfig
-from langwm_data.config_io import ConfigError, claim_output, config_to_dict
+from langwm_data.config_io import ConfigError, config_to_dict
 from langwm_data.engines import Engine, Pool, check_engine, make_pool
 from langwm_data.frames import BakeTask
 from langwm_data.output import FINGERPRINT_FILE, Output, open_output
 from langwm_data.plan import SPLITS, ShardTask, plan_shards, scenes_of, tasks_in_range
 from langwm_data.shards.finish import Origin
-from langwm_data.shards.manifest import GENERATOR, MANIFEST_FILE, SCHEMA_VERSION, CameraRecord
+from langwm_data.shards.manifest import GENERATOR, SCHEMA_VERSION, CameraRecord
 from langwm_data.shards.sample import MILLIMETRES
 from langwm_data.shards.scenes import SCENES_DIR, scene_path
 from langwm_data.shards.writer import shard_path
@@ -71,15 +71,12 @@ def render_dataset(
     check_engine(engine, workers)
     mark = fingerprint(config)  # refuses a renderer that does not open, before anything is written
     with open_output(out, fresh=fresh) as output:
-        claim_output(output.folder, config, fresh=fresh)
-        if _is_finished(output):
-            return out
-        _discard_other_work(output, mark)
-        tasks = plan_shards(config)
-        _render(config, output, tasks, partial(make_pool, engine, workers), progress or _ignore)
-        records = output.complete_shards(tasks, check_bytes=False)
-        assert len(records) == len(tasks), (len(records), len(tasks))
-        output.finish(records, _origin(config))
+        output.claim(config, fresh=fresh)
+        if not _is_finished(output):
+            _discard_other_work(output, mark)
+            pool_of = partial(make_pool, engine, workers)
+            is_complete = _make(config, output, plan_shards(config), pool_of, progress or _ignore)
+            assert is_complete, out
     return out
 
 
@@ -118,18 +115,11 @@ def render_range(
     tasks = tasks_in_range(config, shards)
     mark = fingerprint(config)
     with open_output(out, fresh=False) as output:
-        claim_output(output.folder, config)
+        output.claim(config, fresh=False)
         if _is_finished(output):
             return True
         _join_work(output, mark, str(out))
-        try:
-            _render(config, output, tasks, partial(make_pool, engine, workers), progress or _ignore)
-            return _finish_if_last(config, output)
-        except FileNotFoundError:
-            # Another range that made these shards as well has finished, and cleared the work away.
-            if not _is_finished(output):
-                raise
-            return True
+        return _make(config, output, tasks, partial(make_pool, engine, workers), progress or _ignore)
 
 
 def fingerprint(config: DatasetConfig) -> str:
@@ -146,10 +136,10 @@ def fingerprint(config: DatasetConfig) -> str:
 
 
 def _is_finished(output: Output) -> bool:
-    if not (output.folder / MANIFEST_FILE).is_file():
+    if not output.is_finished():
         return False
     _log.info("the dataset is complete; nothing to do")
-    output.remove_leftovers()  # of a job that was killed just before its end
+    output.remove_leftovers()  # of a job that was killed just before its end, or overtaken
     return True
 
 
@@ -179,6 +169,20 @@ def _join_work(output: Output, mark: str, out: str) -> None:
     if begun_by is None:
         atomic.write_text(path, mark)
     output.announce()
+
+
+def _make(
+    config: DatasetConfig, output: Output, tasks: Sequence[ShardTask], pool_of: _MakePool, progress: Progress
+) -> bool:
+    """Make these shards, and the dataset if they were the last; whether it is complete."""
+    try:
+        _render(config, output, tasks, pool_of, progress)
+        return _finish_if_last(config, output)
+    except FileNotFoundError:
+        # Another job that made these shards as well has finished, and cleared the work away.
+        if not _is_finished(output):
+            raise
+        return True
 
 
 def _render(
@@ -213,6 +217,8 @@ def _finish_if_last(config: DatasetConfig, output: Output) -> bool:
     records = output.complete_shards(tasks, check_bytes=False)
     if len(records) == len(tasks):
         output.finish(records, _origin(config))
+        return True
+    if _is_finished(output):
         return True
     _log.info("%d of %d shards are there; other ranges make the rest", len(records), len(tasks))
     return False

@@ -32,6 +32,14 @@ class RemoteFolder:
         files = [entry for entry in entries if entry["type"] == "file"]
         return {str(PurePosixPath(folder) / Path(entry["name"]).name): entry["size"] for entry in files}
 
+    def entries(self) -> list[str]:
+        """Names of all files and folders at the URL; empty if there is nothing."""
+        self._fs.invalidate_cache()
+        try:
+            return [Path(path).name for path in self._fs.ls(self._root, detail=False)]
+        except FileNotFoundError:
+            return []
+
     def get(self, name: str, folder: Path) -> None:
         """Copy the file ``name`` to the same place in the local ``folder``, if it is there."""
         (folder / name).parent.mkdir(parents=True, exist_ok=True)

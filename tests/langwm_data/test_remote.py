@@ -99,12 +99,21 @@ def test_an_upload_that_arrives_short_leaves_nothing(tmp_path, monkeypatch):
     ("url", "message"),
     [
         ("nothing://bucket", "--out 'nothing://bucket' cannot be opened: .*[Pp]rotocol not known"),
+        ("memory://bucket", "is not empty and holds no config.yaml; give a new one"),
         ("memory://bucket/other", "is not empty and holds no config.yaml; give a new one"),
     ],
 )
 def test_urls_that_cannot_be_written_are_refused(url, message):
     fsspec.filesystem("memory").pipe("/bucket/other/photo.jpg", b"mine")
     with pytest.raises(ConfigError, match=message):
+        render_dataset(CONFIG, url)
+
+
+def test_another_configuration_is_refused_by_the_name_of_the_url(tmp_path):
+    url = f"file://{tmp_path}/data"
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data/config.yaml").write_text("frames: 99\n")
+    with pytest.raises(ConfigError, match=f"--out '{url}' holds a run of another configuration: .*frames"):
         render_dataset(CONFIG, url)
 
 
