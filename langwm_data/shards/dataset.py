@@ -15,10 +15,10 @@ from typing import Any, Self
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from langwm_data.scenes.spec import SceneSpec, Split
 from langwm_data.shards.index import COLUMN_OF_FILE, FRAMES_SCHEMA, OBJECTS_SCHEMA
+from langwm_data.shards.index_check import open_index
 from langwm_data.shards.manifest import FRAMES_FILE, OBJECTS_FILE, Manifest, read_manifest
 from langwm_data.shards.sample import (
     FIELD_OF_FILE,
@@ -47,7 +47,7 @@ class ShardDataset:
     def __init__(self, path: Path | str) -> None:
         folder = Path(path)
         manifest = read_manifest(folder)
-        frames = _read_table(folder / FRAMES_FILE, FRAMES_SCHEMA)
+        frames = _read_table(folder / FRAMES_FILE, FRAMES_SCHEMA, manifest.frames)
         _check_frames(folder, manifest, frames)
         self._bind(folder, manifest, frames)
 
@@ -62,7 +62,7 @@ class ShardDataset:
     @cached_property
     def objects(self) -> pa.Table:
         """A row per visible object of the frames held, in the order of the index."""
-        table = _read_table(self.path / OBJECTS_FILE, OBJECTS_SCHEMA)
+        table = _read_table(self.path / OBJECTS_FILE, OBJECTS_SCHEMA, self.manifest.objects)
         if len(self) == self.manifest.frames:
             return table
         return table.filter(pc.field("key").isin(self._keys))
@@ -210,10 +210,6 @@ def _places(frames: pa.Table) -> np.ndarray:
 
 
 def _check_frames(folder: Path, manifest: Manifest, frames: pa.Table) -> None:
-    if len(frames) != manifest.frames:
-        raise DatasetError(
-            f"{folder / FRAMES_FILE} has {len(frames)} rows; the manifest says {manifest.frames}"
-        )
     if any(column.null_count for column in frames.columns):
         raise DatasetError(f"{folder / FRAMES_FILE} has empty fields")
     if not all(re.fullmatch(KEY_PATTERN, key) for key in frames["key"].to_pylist()):
@@ -230,14 +226,11 @@ def _check_frames(folder: Path, manifest: Manifest, frames: pa.Table) -> None:
         raise DatasetError(f"{folder / FRAMES_FILE} points outside a shard")
 
 
-def _read_table(path: Path, schema: pa.Schema) -> pa.Table:
+def _read_table(path: Path, schema: pa.Schema, num_rows: int) -> pa.Table:
     try:
-        table = pq.ParquetFile(path).read()
+        return open_index(path, schema, num_rows).read()
     except (OSError, pa.ArrowException) as error:
-        raise DatasetError(f"{path} is missing or is not a parquet file") from error
-    if not table.schema.equals(schema):
-        raise DatasetError(f"{path} has other columns than this program writes")
-    return table
+        raise DatasetError(f"{path} is damaged: its rows cannot be unpacked") from error
 
 
 def _read_range(path: Path, offset: int, size: int) -> bytes:
