@@ -9,6 +9,15 @@ import pytest
 from pretrain.interrupt import stop_requests
 
 
+@pytest.fixture
+def interruptible():
+    """As in a foreground process; a shell starts those in the background with SIGINT ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 def test_first_signal_asks_and_the_second_interrupts():
     with stop_requests() as stop:
         assert not stop.is_set()
