@@ -7,7 +7,6 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -166,10 +165,12 @@ class RowReader:
         self._position = 0
 
     def take(self, span: Span) -> Iterator[dict[str, Any]]:
-        """The rows of one shard; all of them have to be taken."""
-        skip, self._position = span.start - self._position, span.stop
-        assert skip >= 0, span
-        return islice(self._rows, skip, skip + span.stop - span.start)
+        """The rows of one shard, after those that nobody took before."""
+        while self._position < span.stop:
+            row = next(self._rows)
+            self._position += 1
+            if self._position > span.start:
+                yield row
 
 
 def _iter_rows(file: pq.ParquetFile) -> Iterator[dict[str, Any]]:

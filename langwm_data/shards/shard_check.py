@@ -6,7 +6,7 @@ stands in ``tar_walk``, ``checks`` and ``index_check``.
 
 import dataclasses
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby, islice
@@ -105,13 +105,13 @@ class ShardChecker:
         if (size := path.stat().st_size) != record.bytes:
             yield Finding(where=where, what=f"has {size} bytes; the manifest says {record.bytes}")
         samples = 0
-        rows = self._rows(task)
+        rows, of_rows = self._rows(task), []
         with path.open("rb") as raw:
             file = HashingFile(raw)
             try:
                 for sample in walk_samples(file.read):
                     samples += 1
-                    yield from self._check_sample(sample, record, next(rows, None))
+                    of_rows += yield from self._check_sample(sample, record, next(rows, None))
                     report(1)
             except DatasetError as error:
                 yield Finding(where=where, what=str(error))
@@ -119,16 +119,22 @@ class ShardChecker:
                 yield Finding(where=where, what=f"has {samples} samples; the manifest says {record.samples}")
             if file.finish() != record.sha256:
                 yield Finding(where=where, what="its SHA-256 is not that of the manifest")
+            else:  # else the index is of another shard than the one that is there
+                yield from of_rows
 
-    def _check_sample(self, raw: RawSample, record: ShardRecord, rows: Rows | None) -> Iterator[Finding]:
+    def _check_sample(
+        self, raw: RawSample, record: ShardRecord, rows: Rows | None
+    ) -> Generator[Finding, None, list[Finding]]:
+        """Yield what is wrong with a sample; return what is wrong with its rows of the index."""
         try:
             sample, faults = self._open_sample(raw, record.split)
         except DatasetError as error:
             sample, faults = None, [str(error)]
         for fault in faults:
             yield Finding(where=record.path, key=raw.key, what=fault)
-        if sample is not None and rows is not None:
-            yield from _row_findings(rows, sample, record.path, raw.places)
+        if sample is None or rows is None:
+            return []
+        return list(_row_findings(rows, sample, record.path, raw.places))
 
     def _open_sample(self, raw: RawSample, split: Split) -> tuple[Sample | None, list[str]]:
         """The sample where its files can be trusted, and what is wrong with it.
@@ -142,6 +148,8 @@ class ShardChecker:
         document = parse_document(raw.files[META_KEY])
         if faults := self._document_faults(raw.key, document, split):
             return None, faults
+        if document["scene"] not in self._sound_scenes:
+            return None, []
         sample = Sample(
             key=raw.key,
             rgb=rgb,
@@ -154,28 +162,24 @@ class ShardChecker:
 
     def _document_faults(self, key: str, document: SampleDocument, split: Split) -> list[str]:
         """What the document says without a look at the images."""
-        scene = self._scene(document["scene"], split)
-        if scene is None:
-            return [f"scene {foreign(document['scene'])} is no sound scene of the {split} split"]
-        return [
-            *identity_faults(key, document, split, scene),
-            *camera_faults(document, self._manifest.camera),
-            *sample_leaks(document, split),
-        ]
+        name, record = document["scene"], self._manifest.splits.get(split)
+        if record is None or name not in record.scenes:
+            return [f"scene {foreign(name)} is no scene of the {split} split"]
+        faults = camera_faults(document, self._manifest.camera) + sample_leaks(document, split)
+        if name in self._sound_scenes:  # whoever checks the scenes names the others
+            faults += identity_faults(key, document, split, self._scene(name))
+        return faults
 
     def _truth_faults(self, sample: Sample, document: SampleDocument) -> list[str]:
         """Whether labels and captions are what the images say."""
-        scene, objects = self._scenes[document["scene"]], document["objects"]
+        scene, objects = self._scene(document["scene"]), document["objects"]
         return [
             *label_faults(sample, objects, scene, self._config.labels),
             *chosen_caption_faults(sample.caption, objects),
         ]
 
-    def _scene(self, name: str, split: Split) -> SceneRecord | None:
-        """A sound scene of a split, read once."""
-        record = self._manifest.splits.get(split)
-        if record is None or name not in record.scenes or name not in self._sound_scenes:
-            return None
+    def _scene(self, name: str) -> SceneRecord:
+        """A sound scene, read once."""
         if name not in self._scenes:
             self._scenes[name] = SceneRecord.of(read_scene(self._folder, name))
         return self._scenes[name]

@@ -140,6 +140,16 @@ def test_lies_of_the_index_are_named(folder, path, cases):
             assert re.search(message, said(folder, path)), said(folder, path)
 
 
+def test_a_damaged_shard_is_no_fault_of_the_index(vandal):
+    vandal.write([f for f in vandal.files() if not f[0].startswith(vandal.key)])
+    (vandal.folder / "train/train-000001.tar").unlink()
+    manifest = json.loads((vandal.folder / MANIFEST_FILE).read_text())
+    manifest["shards"][0]["sha256"] = "0" * 64
+    vandal.edit_manifest(shards=manifest["shards"])
+    where = {f.where for f in verify_dataset(vandal.folder).findings}
+    assert where == {vandal.train, "train/train-000001.tar"}
+
+
 @pytest.mark.parametrize("path", [FRAMES_FILE, OBJECTS_FILE])
 def test_an_index_that_cannot_be_read_is_named(folder, path):
     good = (folder / path).read_bytes()

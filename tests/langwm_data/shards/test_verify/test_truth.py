@@ -92,8 +92,14 @@ LIES = {
     "another split": (lambda d: d.update(split="test"), "split is 'test' in a shard of train"),
     "another building": (lambda d: d.update(building="Rowan"), "building and floor are 'Rowan, "),
     "another floor": (lambda d: d.update(floor=7), "building and floor are"),
-    "a scene that does not exist": (lambda d: d.update(scene="Oak_0"), "scene 'Oak_0' is no sound scene"),
-    "a path for a scene": (lambda d: d.update(scene="../x"), r"scene '\.\./x' is no sound scene"),
+    "a scene that does not exist": (
+        lambda d: d.update(scene="Oak_0"),
+        "scene 'Oak_0' is no scene of the train split",
+    ),
+    "a path for a scene": (
+        lambda d: d.update(scene="../x"),
+        r"scene '\.\./x' is no scene of the train split",
+    ),
     "too few materials": (
         lambda d: d["palette"].pop(),
         r"palette has \d+ materials; the scene has \d+ slots",
