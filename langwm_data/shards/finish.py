@@ -31,6 +31,7 @@ class Origin:
     fingerprint: str
     renderer: str
     config: dict[str, Any]
+    sources: dict[str, str]
     camera: CameraRecord
 
 
@@ -44,6 +45,7 @@ def finish_dataset(folder: Path, records: Sequence[ShardRecord], origin: Origin)
         fingerprint=origin.fingerprint,
         renderer=origin.renderer,
         config=origin.config,
+        sources=origin.sources,
         camera=origin.camera,
         categories=_counts(objects["category"]),
         category_ids=dict(CATEGORY_IDS),
