@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from langwm_data.baking import open_scenes
 from langwm_data.config import DatasetConfig
 from langwm_data.frames import BakeTask, RenderWorker
 from langwm_data.plan import FramePlan, ShardTask, plan_frame, plan_shards, scenes_of, tasks_in_range
@@ -81,12 +82,14 @@ def estimate(config: DatasetConfig, *, workers: int = 1, shards: range | None = 
     floors = scenes_of(config, tasks)
     plans = _sample_plans(config, tasks[0])
     shown = list(dict.fromkeys(plan.scene for plan in plans))
+    physics = open_scenes(config.scenes).physics
+    bake = [BakeTask(scene=scene, physics=physics) for scene in shown]
     with (
         tempfile.TemporaryDirectory(prefix="langwm-plan-") as name,
         RenderWorker(config, Path(name)) as worker,
     ):
         folder = Path(name)
-        floor_s = _seconds(lambda: [worker(BakeTask(scene=scene), lambda _: None) for scene in shown])
+        floor_s = _seconds(lambda: [worker(task, lambda _: None) for task in bake])
         first: list[Sample] = []
         floor_s += _seconds(lambda: first.extend(worker.make_sample(p) for p in _first_of_each(plans)))
         samples = (worker.make_sample(plan) for plan in plans)

@@ -114,7 +114,7 @@ class Vandal:
 
     def edit_manifest(self, **changes):
         path = self.folder / MANIFEST_FILE
-        path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+        path.write_text(json.dumps(json.loads(path.read_text()) | changes, indent=2) + "\n")
 
     def reseal(self):
         """Make sizes and checksums in the manifest those of the shards."""
