@@ -80,12 +80,14 @@ def is_harmless(folder: Path, attempt: Attempt) -> bool:
 
 
 def change_documents(
-    folder: Path, rng: np.random.Generator, *, shard: str, key: str, with_index: bool
+    folder: Path, rng: np.random.Generator, *, shard: str, key: str, with_index: bool, every: int = 1
 ) -> Iterator[Attempt]:
-    """Change every value of one sample's document in turn; checksums fit, and the index where asked."""
+    """Change values of one sample's document in turn, all or one in ``every``; checksums are made to fit, and
+    the index where that is asked for.
+    """
     kept = {p: p.read_bytes() for p in folder.rglob("*") if p.is_file()}
-    document = json.loads(dict(_files(folder / shard))[f"{key}.{META_KEY}"])
-    for where, value in _values(document):
+    document = json.loads(dict(read_files(folder / shard))[f"{key}.{META_KEY}"])
+    for where, value in list(_values(document))[::every]:
         _put(document, where, _other(rng, value))
         _replace(folder / shard, f"{key}.{META_KEY}", json.dumps(document, separators=(",", ":")).encode())
         _put(document, where, value)
@@ -107,13 +109,14 @@ def reseal(folder: Path) -> None:
     path.write_text(json.dumps(manifest, indent=2) + "\n")
 
 
-def _files(shard: Path) -> list[tuple[str, bytes]]:
+def read_files(shard: Path) -> list[tuple[str, bytes]]:
+    """Name and bytes of all files of a shard."""
     with tarfile.open(fileobj=io.BytesIO(shard.read_bytes())) as tar:
         return [(info.name, tar.extractfile(info).read()) for info in tar]  # pyright: ignore[reportOptionalMemberAccess]
 
 
 def _replace(shard: Path, name: str, data: bytes) -> None:
-    files = [(n, data if n == name else d) for n, d in _files(shard)]
+    files = [(n, data if n == name else d) for n, d in read_files(shard)]
     with shard.open("wb") as file:
         tar = TarWriter(file)
         for each, content in files:
@@ -179,7 +182,7 @@ def main() -> None:
             attempts = []
             for n in range(options.documents):
                 shard = shards[n % len(shards)]
-                key = _files(folder / shard)[0][0].partition(".")[0]
+                key = read_files(folder / shard)[0][0].partition(".")[0]
                 attempts += change_documents(folder, rng, shard=shard, key=key, with_index=with_index)
             name = f"documents, checksums{' and index' * with_index} made to fit"
             verdicts.append(_report(name, attempts, lambda _: False))
