@@ -6,6 +6,7 @@ train, two with three floors to test) and the held-out texture ids are the paper
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from types import MappingProxyType
 
 import numpy as np
@@ -187,7 +188,7 @@ def check_palette(scene: SceneSpec) -> None:
             )
         if scene.pictures and material not in scene.pictures:
             raise ValueError(
-                f"scene {scene.name!r}: slot {slot.name!r} holds texture {material}, not a picture of it"
+                f"scene {scene.name!r}: slot {slot.name!r} holds texture {material}, none of its pictures"
             )
         if not is_for(material, scene.split):
             raise ValueError(
