@@ -52,7 +52,7 @@ def look(folder: Path, file: str, what: str) -> Attempt:
     """What ``verify`` says now."""
     try:
         findings = verify_dataset(folder).findings
-    except Exception:  # any at all is what is looked for here
+    except Exception:  # any at all is what is looked for
         return Attempt(file=file, what=what, said=(), crash=traceback.format_exc())
     return Attempt(file=file, what=what, said=tuple(map(str, findings)))
 
@@ -124,7 +124,7 @@ def _replace(shard: Path, name: str, data: bytes) -> None:
         tar.finish()
 
 
-def _values(value: Any, where: Path_ = ()) -> Iterator[tuple[Path_, Any]]:  # noqa: ANN401
+def _values(value: Any, where: Path_ = ()) -> Iterator[tuple[Path_, Any]]:
     """Every number, text and switch in a document, and where it stands."""
     if isinstance(value, dict | list):
         for name, inner in value.items() if isinstance(value, dict) else enumerate(value):
@@ -133,7 +133,7 @@ def _values(value: Any, where: Path_ = ()) -> Iterator[tuple[Path_, Any]]:  # no
         yield where, value
 
 
-def _put(document: Any, where: Path_, value: object) -> None:  # noqa: ANN401
+def _put(document: Any, where: Path_, value: object) -> None:
     for name in where[:-1]:
         document = document[name]
     document[where[-1]] = value

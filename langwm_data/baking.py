@@ -71,8 +71,8 @@ class SceneLibrary:
     def _check_physics(self, name: str) -> None:
         if self.physics != (here := describe_physics()):
             raise ConfigError(
-                f"field 'scenes.baked': value {str(self._folder)!r} has no scene {name!r}, and its scenes were"
-                f" settled by {self.physics}; allowed: a dataset with that scene, or one settled by {here}"
+                f"field 'scenes.baked': value {str(self._folder)!r} has no scene {name!r}, and its scenes"
+                f" were settled by {self.physics}; allowed: a dataset with that scene, or one settled by {here}"
             )
 
 

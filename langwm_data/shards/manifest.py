@@ -21,7 +21,7 @@ CARD_FILE = "README.md"
 FRAMES_FILE = "index/frames.parquet"
 OBJECTS_FILE = "index/objects.parquet"
 
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 3
 GENERATOR = f"langwm {__version__}"
 """What this program calls itself in the datasets that it makes."""
 SHARD_PATTERN = r"(train|test)/(train|test)-\d{6}\.tar"
