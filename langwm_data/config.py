@@ -178,6 +178,10 @@ class LabelsConfig:
     """``integer``: rounded metres; ``decimal``: one decimal."""
 
 
+_MAX_SHARDS = 900_000
+"""Of both splits: names of shards have six digits."""
+
+
 @config
 class ShardsConfig:
     """How samples are packed."""
@@ -203,7 +207,12 @@ class DatasetConfig:
     shards: ShardsConfig = field(default_factory=ShardsConfig)
 
     def __post_init__(self) -> None:
-        """Refuse cameras that look into things, and lights that the renderer does not have."""
+        """Refuse cameras that look into things, lights that the renderer does not have, too many shards."""
+        if self.frames > _MAX_SHARDS * self.shards.samples_per_shard:
+            raise ConfigError(
+                f"frames {self.frames} with shards.samples_per_shard {self.shards.samples_per_shard} make more"
+                f" than {_MAX_SHARDS} shards; allowed: larger shards or fewer frames"
+            )
         if self.randomize.lights != "fixed" and self.render.backend == "tiny":
             raise ConfigError(
                 f"randomize.lights {self.randomize.lights} needs render.backend auto, gl or embree"

@@ -73,7 +73,7 @@ class Walk:
         """Take the number in the key of the next sample; whether it is the one that comes now."""
         expected = self.number + (self.samples > 0)
         text = key.rpartition("-")[2]
-        self.number = int(text) if re.fullmatch(r"\d{6,9}", text, re.ASCII) else expected
+        self.number = int(text) if re.fullmatch(r"\d{6,18}", text, re.ASCII) else expected
         if self.number == expected:
             return []
         self.before = None

@@ -147,7 +147,7 @@ def test_the_command_line_says_what_is_wrong_and_repairs_it(vandal, sound, capsy
     assert cli.run([*command, "--repair", "--rerender", "2"]) == 0
     assert capsys.readouterr().out.splitlines()[-2:] == [
         f"repaired: {vandal.train}",
-        "sound: 10 frames in 3 shards",
+        "sound: 10 frames in 3 shards, 2 drawn again",
     ]
     assert contents(vandal.folder) == contents(sound)
 
