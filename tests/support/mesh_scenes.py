@@ -49,10 +49,11 @@ def box_quads(low, high):
     return [corners[list(side)] for side in _SIDES]
 
 
-def board_mesh():
+def board_mesh(bottom=0.0):
     """An upright sheet, 1.2 m wide and 0.8 m high, whose picture is seen from +y, its own front."""
+    low, high = bottom, bottom + 0.8
     return quads(
-        [[[(0.6, 0, 0), (-0.6, 0, 0), (-0.6, 0, 0.8), (0.6, 0, 0.8)]]],
+        [[[(0.6, 0, low), (-0.6, 0, low), (-0.6, 0, high), (0.6, 0, high)]]],
         [Material(color=(1.0, 1.0, 1.0), texture=png(QUADRANTS))],
     )
 
@@ -75,16 +76,16 @@ def solid(size):
 
 def with_meshes(scene, assets, *, leg_slot=5):
     """The study of the small scene without its furniture, but with a board and a table."""
-    board, table = assets.add_mesh(board_mesh()), assets.add_mesh(table_mesh())
+    board, table = assets.add_mesh(board_mesh(bottom=0.4)), assets.add_mesh(table_mesh())
     common = {"room": "study", "orientation": IDENTITY}
     objects = (
         ObjectSpec(
             instance=BOARD,
             category="picture",
             model="board",
-            position=(1.2, 0.6, 0.4),
-            size=(1.2, 0.02, 0.8),
-            parts=(solid((1.2, 0.02, 0.8)),),
+            position=(1.2, 0.6, 0.0),
+            size=(1.2, 0.02, 1.2),
+            parts=(solid((1.2, 0.02, 1.2)),),
             mesh=MeshSpec(name=board, slots=(OWN,)),
             **common,
         ),
