@@ -15,7 +15,7 @@ BOARD, TABLE = 40, 41
 """Instances."""
 
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
-_SIDES = [(4, 5, 7, 6), (0, 2, 3, 1), (2, 6, 7, 3), (0, 1, 5, 4), (1, 3, 7, 5), (0, 4, 6, 2)]
+_SIDES = [(6, 7, 5, 4), (1, 3, 2, 0), (3, 7, 6, 2), (4, 5, 1, 0), (5, 7, 3, 1), (2, 6, 4, 0)]
 """Of a box, counter-clockwise seen from outside: +x, -x, +y, -y, +z, -z."""
 
 

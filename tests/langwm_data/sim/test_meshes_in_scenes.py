@@ -5,7 +5,16 @@ import math
 
 import numpy as np
 import pytest
-from mesh_scenes import BOARD, ORANGE, QUADRANTS, TABLE, png, table_mesh, with_meshes
+from mesh_scenes import (
+    BOARD,
+    ORANGE,
+    QUADRANTS,
+    TABLE,
+    board_mesh,
+    png,
+    table_mesh,
+    with_meshes,
+)
 
 from langwm_data.config import CameraConfig, LightsConfig, RenderConfig
 from langwm_data.config_io import ConfigError
@@ -179,3 +188,14 @@ def test_a_picture_is_a_material(draw, scene, assets):
     assert inside.sum() > 300
     found, expected = hues(frame.rgb)[inside], hues(QUADRANTS)[row, column][inside]
     assert (found == expected).mean() > 0.99
+
+
+def test_only_what_is_closed_is_left_out_from_behind():
+    assert not asset_mesh(table_mesh()).is_two_sided.any()
+    assert asset_mesh(board_mesh()).is_two_sided.all()
+    table = table_mesh()
+    inside_out = dataclasses.replace(table, triangles=table.triangles[:, ::-1].copy())
+    assert asset_mesh(inside_out).is_two_sided.all()
+    # A hole in one leg opens that leg alone.
+    holed = dataclasses.replace(table, triangles=table.triangles[:-1], sizes=(12, 47))
+    assert asset_mesh(holed).is_two_sided.sum() == 11
