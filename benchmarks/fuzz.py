@@ -4,7 +4,8 @@ Three kinds of damage, each undone before the next: one bit of any file; one val
 with checksums made to fit; the same, with the index made to fit as well. What nobody finds is listed.
 
 python benchmarks/fuzz.py DATA [--flips 500] [--documents 3] [--seed 0], with DATA from
-``langwm render-dataset --frames 10 --set camera.height=48 --set camera.width=60 --set shards.samples_per_shard=4``.
+``langwm render-dataset --out DATA --frames 10 --set camera.height=48 --set camera.width=60 --set
+shards.samples_per_shard=4``.
 """
 
 import argparse

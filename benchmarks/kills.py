@@ -18,6 +18,7 @@ import sys
 import time
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -114,7 +115,7 @@ def kill_group(process: subprocess.Popen[bytes]) -> None:
 def run_ranges(job: Job, out: Path) -> None:
     """The job as ranges of shards, all at once."""
     edges = [math.ceil(job.num_shards * part / RANGES) for part in range(RANGES + 1)]
-    ranges = [f"{a}-{b - 1}" for a, b in zip(edges, edges[1:], strict=False) if a < b]
+    ranges = [f"{a}-{b - 1}" for a, b in pairwise(edges) if a < b]
     for process in [job.start(out, "--shards", text) for text in ranges]:
         finish(process)
     job.run(out)  # completes the dataset should all have ended at the same instant; else nothing to do

@@ -72,7 +72,7 @@ class SceneLibrary:
         if self.physics != (here := describe_physics()):
             raise ConfigError(
                 f"field 'scenes.baked': value {str(self._folder)!r} has no scene {name!r}, and its scenes"
-                f" were settled by {self.physics}; allowed: a dataset with that scene, or one settled by {here}"
+                f" were settled by {self.physics}; allowed: one that has it, or scenes settled by {here}"
             )
 
 

@@ -207,7 +207,7 @@ class DatasetConfig:
     shards: ShardsConfig = field(default_factory=ShardsConfig)
 
     def __post_init__(self) -> None:
-        """Refuse cameras that look into things, lights that the renderer does not have, too many shards."""
+        """Refuse cameras in things, lights that the renderer does not have, and too many shards."""
         if self.frames > _MAX_SHARDS * self.shards.samples_per_shard:
             raise ConfigError(
                 f"frames {self.frames} with shards.samples_per_shard {self.shards.samples_per_shard} make more"

@@ -61,8 +61,9 @@ class Estimate:
                 f"frames  {self.frames:,} in {self.shards:,} shards, of {self.floors} floors",
                 f"disk    {format_size(self.disk_bytes)}, {format_size(self.bytes_per_frame)} a frame",
                 f"memory  {format_size(self.memory_bytes)}, {format_size(self.worker_bytes)} a worker",
-                f"time    {_duration(self.hours)} with {self.workers} worker{'s' * (self.workers > 1)} of a core"
-                f" each: {self.seconds_per_frame * 1e3:.3g} ms a frame, {self.seconds_per_floor:.2g} s a floor",
+                f"time    {_duration(self.hours)} with {self.workers} worker{'s' * (self.workers > 1)} of a"
+                f" core each: {self.seconds_per_frame * 1e3:.3g} ms a frame,"
+                f" {self.seconds_per_floor:.2g} s a floor",
                 f"measured on {self.sample_frames} frames, which are thrown away",
             )
         )

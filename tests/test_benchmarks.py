@@ -71,7 +71,7 @@ def test_memory_is_that_of_a_process_and_its_children():
 
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory):
-    """Ten frames of drives under lights of their own, in three shards. Damage is undone by whoever does it."""
+    """Ten frames of drives under lights of their own, in four shards. Who damages it undoes that."""
     values = SMALL | {
         "frames": 10,
         "seed": 3,

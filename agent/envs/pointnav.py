@@ -45,7 +45,7 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
     ``info`` has the same keys after reset and after every step: the measures so far (``success``,
     ``spl``, ``soft_spl``, ``distance_to_goal``, ``path_length``, ``geodesic_distance``, ``collisions``),
     ``scene``, ``tier``, ``pose`` (x, y, yaw), ``goal`` (x, y) and ``lights`` (4, 3: red, green and blue of
-    the ambient light, the sun and the lamps, and the direction towards the sun); with ``config.with_labels`` also
+    the ambient light, the sun and the lamps; the direction towards the sun); with ``config.with_labels`` also
     ``instance`` (the mask) and ``objects`` (a ``FrameObject`` for each eligible object).
 
     ``reset(seed=s)`` plays floor number s modulo the number of floors and every reset without a seed the
