@@ -210,8 +210,8 @@ class DatasetConfig:
         """Refuse cameras in things, lights that the renderer does not have, and too many shards."""
         if self.frames > _MAX_SHARDS * self.shards.samples_per_shard:
             raise ConfigError(
-                f"frames {self.frames} with shards.samples_per_shard {self.shards.samples_per_shard} make more"
-                f" than {_MAX_SHARDS} shards; allowed: larger shards or fewer frames"
+                f"frames {self.frames} with shards.samples_per_shard {self.shards.samples_per_shard} make"
+                f" more than {_MAX_SHARDS} shards; allowed: larger shards or fewer frames"
             )
         if self.randomize.lights != "fixed" and self.render.backend == "tiny":
             raise ConfigError(
