@@ -1,7 +1,7 @@
 """What is kept for testing: buildings and texture ids, and the check that nothing leaks.
 
-Owns Tables 4 and 5. Names of buildings are invented; their shape (five buildings with twelve floors to
-train, two with three floors to test) and the held-out texture ids are the paper's.
+Owns Tables 4 and 5: iGibson's buildings, and of our own homes, whose names are invented, the same shape
+(five buildings with twelve floors to train, two with three floors to test); held-out texture ids for both.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,6 +33,21 @@ BUILDINGS: Mapping[str, Building] = MappingProxyType(
     }
 )
 """Source: Table 4 (numbers of buildings and floors); names ours."""
+
+IGIBSON_BUILDINGS: Mapping[str, Building] = MappingProxyType(
+    {
+        "Beechwood": Building(split="train", floors=2),
+        "Benevolence": Building(split="train", floors=3),
+        "Merom": Building(split="train", floors=2),
+        "Pomaria": Building(split="train", floors=3),
+        "Wainscott": Building(split="train", floors=2),
+        "Ihlen": Building(split="test", floors=2),
+        "Rs": Building(split="test", floors=1),
+    }
+)
+"""Source: Table 4. Its Rs_int has no number of a floor; here it is ``Rs_0``."""
+
+ALL_BUILDINGS: Mapping[str, Building] = MappingProxyType({**BUILDINGS, **IGIBSON_BUILDINGS})
 
 HELD_OUT_TEXTURE_IDS: Mapping[str, tuple[int, ...]] = MappingProxyType(
     {
@@ -93,17 +108,25 @@ CATALOGUE_SIZES: Mapping[str, int] = MappingProxyType(
 """Each category has the texture ids 1 to this number. Source: ours."""
 
 
-def split_of_scene(name: str) -> Split:
+IGIBSON_ONLY_CATEGORIES = ("ceramic", "chipboard", "corrugated_steel", "paper", "rubber", "snow")
+"""Classes of iGibson's materials of which Table 5 holds nothing out. Source: method notes, section 3."""
+
+
+def split_of_scene(name: str, buildings: Mapping[str, Building] = BUILDINGS) -> Split:
     """The split of the floor called ``<building>_<floor>``.
+
+    Args:
+        name: Of the floor.
+        buildings: Where it is looked up.
 
     Raises:
         ValueError: If there is no such floor.
     """
     building, _, floor = name.rpartition("_")
-    known = BUILDINGS.get(building)
+    known = buildings.get(building)
     if known is None or floor not in {str(i) for i in range(known.floors)}:
         allowed = ", ".join(
-            f"{b}_0..{v.floors - 1}" if v.floors > 1 else f"{b}_0" for b, v in BUILDINGS.items()
+            f"{b}_0..{v.floors - 1}" if v.floors > 1 else f"{b}_0" for b, v in buildings.items()
         )
         raise ValueError(f"scene {name!r} is unknown; allowed: {allowed}")
     return known.split
@@ -174,7 +197,7 @@ def check_palette(scene: SceneSpec) -> None:
         ValueError: If a known building is given to the other split, or a slot holds a texture that
             is not for the scene's split or not of a category that the slot allows.
     """
-    building = BUILDINGS.get(scene.building)
+    building = ALL_BUILDINGS.get(scene.building)
     if building is not None and building.split != scene.split:
         raise ValueError(
             f"scene {scene.name!r} is marked {scene.split}; building {scene.building} is for {building.split}"
