@@ -167,7 +167,7 @@ class DoorwaySpec:
 
 @dataclass(frozen=True, kw_only=True)
 class FloorMap:
-    """Where the maker of a scene lets a robot drive: cells of a grid; what solids cover is not free either."""
+    """Where the maker of a scene lets a robot drive: cells of a grid, less what solids cover."""
 
     origin: tuple[float, float]
     """Outer corner of cell (0, 0), metres."""
@@ -192,11 +192,11 @@ class FloorMap:
     def free_at(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Whether points (..., 2) lie in free cells."""
         mask = np.zeros(self.size, bool)
-        for row, runs in zip(mask, self.runs, strict=True):
+        for i, runs in enumerate(self.runs):
             for start, stop in zip(runs[::2], runs[1::2], strict=True):
-                row[start:stop] = True
+                mask[i, start:stop] = True
         cells = np.floor((points - self.origin) / self.resolution_m + _EDGE).astype(int)
-        is_inside = ((cells >= 0) & (cells < self.size)).all(axis=-1)
+        is_inside = np.all((cells >= 0) & (cells < self.size), axis=-1)
         i, j = np.moveaxis(np.where(is_inside[..., None], cells, 0), -1, 0)
         return is_inside & mask[i, j]
 

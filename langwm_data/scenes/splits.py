@@ -6,6 +6,7 @@ Owns Tables 4 and 5: iGibson's buildings, and of our own homes, whose names are 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from types import MappingProxyType
 
 import numpy as np
@@ -108,10 +109,6 @@ CATALOGUE_SIZES: Mapping[str, int] = MappingProxyType(
 """Each category has the texture ids 1 to this number. Source: ours."""
 
 
-IGIBSON_ONLY_CATEGORIES = ("ceramic", "chipboard", "corrugated_steel", "paper", "rubber", "snow")
-"""Classes of iGibson's materials of which Table 5 holds nothing out. Source: method notes, section 3."""
-
-
 def split_of_scene(name: str, buildings: Mapping[str, Building] = BUILDINGS) -> Split:
     """The split of the floor called ``<building>_<floor>``.
 
@@ -180,14 +177,23 @@ def _choices(category: str, split: Split, pictures: tuple[MaterialRef, ...]) -> 
 
 
 def is_for(material: MaterialRef, split: Split) -> bool:
-    """Whether ``split`` may show a material: held-out ids are for test, all others for training.
-
-    A category of pictures of which nothing is held out (Table 5 lists 22 of iGibson's 28) is for both.
-    """
+    """Whether ``split`` may show a material: held-out ids are for test, all others for training."""
     if not material.picture:
         return material.id in texture_ids(material.category, split)
-    held_out = HELD_OUT_TEXTURE_IDS.get(material.category, ())
-    return not held_out or (material.id in held_out) == (split == "test")
+    return is_picture_for(material.category, material.id, split)
+
+
+def is_picture_for(category: str, number: int, split: Split) -> bool:
+    """The same for a texture that is a picture.
+
+    Table 5 lists 22 of iGibson's 28 categories; the others are for both splits.
+    """
+    return is_shared(category) or (number in HELD_OUT_TEXTURE_IDS[category]) == (split == "test")
+
+
+def is_shared(category: str) -> bool:
+    """Whether pictures of a category are for both splits, as Table 5 does not list it."""
+    return category not in HELD_OUT_TEXTURE_IDS
 
 
 def check_palette(scene: SceneSpec) -> None:

@@ -81,7 +81,7 @@ def _leaf(data: DataFolder, instance: Instance, joint: Joint, position: float) -
     frames = link_frames(instance.model.robot, instance.scale, {joint.name: position}, instance.model.path)
     (link,) = (link for link in instance.model.robot.links if link.name == joint.child)
     solids = link_solids(data, instance, link, frames[link.name])
-    return [outline(np.array([instance.world(point) for point in solid])) for solid in solids]
+    return [outline(instance.to_world(solid)) for solid in solids]
 
 
 def _touches(first: Outline, second: Outline) -> bool:

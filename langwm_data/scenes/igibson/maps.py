@@ -112,7 +112,7 @@ def _read_map(data: DataFolder, path: str) -> NDArray[np.uint8]:
         raise ValueError(
             f"{path}: a map of shape {image.shape} {image.dtype}; allowed: one channel of 8 bits"
         )
-    return np.asarray(image)
+    return image.astype(np.uint8, copy=False)
 
 
 def _largest(free: Mask) -> Mask:

@@ -15,7 +15,7 @@ from langwm_data.scenes.assets import Assets
 from langwm_data.scenes.igibson.files import DataFolder
 from langwm_data.scenes.meshes.images import texture_png
 from langwm_data.scenes.spec import MaterialRef, Split
-from langwm_data.scenes.splits import HELD_OUT_TEXTURE_IDS, is_for
+from langwm_data.scenes.splits import HELD_OUT_TEXTURE_IDS, is_picture_for
 
 MATERIALS_FILE = "materials/materials.json"
 RECIPE = 1
@@ -71,10 +71,8 @@ class Materials:
         """
         if category not in self._files:
             raise ValueError(f"{label}: material class {category[:60]!r} is not in {MATERIALS_FILE}")
-        # Whether a picture is for a split does not depend on what it shows.
-        known = [MaterialRef(category=category, id=n, picture="?") for n in self._files[category]]
         for split in SPLITS:
-            if not any(is_for(material, split) for material in known):
+            if not any(is_picture_for(category, number, split) for number in self._files[category]):
                 raise ValueError(f"{MATERIALS_FILE}: class {category!r} has no texture for the {split} split")
 
     def pictures(self, categories: Iterable[str], assets: Assets) -> tuple[MaterialRef, ...]:

@@ -181,9 +181,8 @@ def _own_materials(
     materials = {}
     for library in libraries:
         file = data.beside(path, library)
-        if data.has(file):
-            described = parse_mtl(data.read(file), file)
-            materials |= {n: _material(data, file, described[n]) for n in names if n in described}
+        described = parse_mtl(data.read(file), file)
+        materials |= {n: _material(data, file, described[n]) for n in names if n in described}
     return materials
 
 
@@ -202,7 +201,7 @@ def _group(mesh: TriangleMesh, number: int) -> tuple[NDArray, NDArray, NDArray, 
 
 
 def _groups_as_materials(data: bytes) -> bytes:
-    """An OBJ text in which every object or group has a material of its own, and no other material is named."""
+    """An OBJ text in which every object or group has a material of its own, and no other is named."""
     count = 0
 
     def numbered(_: re.Match[bytes]) -> bytes:

@@ -21,7 +21,6 @@ from langwm_data.scenes.igibson.files import DataFolder
 from langwm_data.scenes.igibson.materials import read_groups
 from langwm_data.scenes.igibson.meshes import (
     Floats,
-    Piece,
     Pose,
     joined,
     moved,
@@ -74,13 +73,13 @@ class Instance:
         tilted = quat_product(axis_quat((0, 1, 0), pitch), axis_quat((1, 0, 0), roll))
         return quat_product(axis_quat((0, 0, 1), yaw), tilted)
 
-    def world(self, point: Sequence[float] | Floats) -> Vec3:
-        """A point of the base link's frame in the world."""
+    @property
+    def to_world(self) -> Pose:
+        """From the frame of the base link to the world."""
         origin = self.placed.origin
         # The scene says where the middle of the box is, turned by the yaw alone.
         from_middle = turn((0, 0, 1), origin.rpy[2]) @ np.multiply(self.scale, self.model.box_center)
-        x, y, z = (origin.rotation() @ np.asarray(point) - from_middle + origin.xyz).tolist()
-        return (x, y, z)
+        return Pose(matrix=origin.rotation(), offset=np.subtract(origin.xyz, from_middle))
 
 
 def make_instance(data: DataFolder, placed: Placed, model: Model) -> Instance:
@@ -193,7 +192,7 @@ def _make_mesh(
     low, high = piece.mesh.vertices.min(axis=0), piece.mesh.vertices.max(axis=0)
     foot = np.array([*(low + high)[:2] / 2, low[2]], np.float64)
     mesh = moved(piece.mesh, Pose(matrix=np.eye(3), offset=-foot))
-    size = (high - low).astype(np.float64).tolist()
+    size = np.round((high - low).astype(np.float64), 6).tolist()
     if len(mesh.triangles) >= HEAVY_TRIANGLES:
         mesh = decimate(mesh, max_error_m(size))
     return {"mesh": assets.add_mesh(mesh), "groups": list(piece.slots), "foot": foot.tolist(), "size": size}

@@ -166,22 +166,23 @@ def _objects(
 
 
 def _outline(instance: Instance, body: Body, solid: Floats) -> Outline:
-    return outline(np.array([instance.world(point + body.foot) for point in solid]))
+    return outline(instance.to_world(solid + body.foot))
 
 
 def _object(instance: Instance, body: Body, rooms: RoomMap, first_slot: int, number: int) -> ObjectSpec:
     placed, model = instance.placed, instance.model
     category, noun = our_category(placed.category), phrase_of(placed.category)
-    position = instance.world(body.foot)
+    foot = instance.to_world(np.array([body.foot]))
+    x, y, z = foot[0].tolist()
     known = {room.name for room in rooms.rooms}
-    there = rooms.rooms[int(rooms.rooms_at(np.array([position[:2]]))[0])].name
+    there = rooms.rooms[int(rooms.rooms_at(foot[:, :2])[0])].name
     name = f"{placed.category}/{model.folder.rpartition('/')[2]}"
     return ObjectSpec(
         instance=number,
         category=category,
         model=name if body.root == BASE else f"{name}/{body.root}",
         room=next((room for room in placed.rooms if room in known), there),
-        position=position,
+        position=(x, y, z),
         orientation=instance.orientation,
         size=body.size,
         parts=body_parts(body),

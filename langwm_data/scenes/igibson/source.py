@@ -23,7 +23,7 @@ _logger = logging.getLogger(__name__)
 
 
 def folder_of(name: str) -> str:
-    """Where the files of a floor lie: ``Rs_0`` in ``scenes/Rs_int``, all others like ``scenes/Ihlen_1_int``."""
+    """Where a floor's files lie: those of ``Ihlen_1`` in ``scenes/Ihlen_1_int``, of ``Rs_0`` in ``scenes/Rs_int``."""
     return "scenes/Rs_int" if name == "Rs_0" else f"scenes/{name}_int"
 
 

@@ -1,4 +1,4 @@
-"""Walls, floors and ceilings of a scene: drawn as its meshes, cut by room, and solid as its collision meshes."""
+"""Walls, floors and ceilings of a scene: drawn as its meshes, cut by room; solid as its collision meshes."""
 
 from dataclasses import dataclass, replace
 

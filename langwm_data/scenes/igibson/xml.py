@@ -40,7 +40,7 @@ def parse_xml(data: bytes, label: str) -> Element:
     parser.EndElementHandler = builder.end
     parser.StartDoctypeDeclHandler = builder.declare
     try:
-        parser.Parse(data, True)  # noqa: FBT003
+        parser.Parse(data, True)
     except expat.ExpatError as error:
         raise ValueError(f"{label}: damaged XML: {error}") from error
     assert builder.root is not None, "expat refuses a document without an element"
