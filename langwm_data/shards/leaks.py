@@ -88,7 +88,11 @@ def _texture_leak(text: str, split: Split, *, is_picture: bool) -> str:
     is_known = is_picture or material.id in range(1, CATALOGUE_SIZES.get(category, 0) + 1)
     if not is_known or str(material) != text:
         return f"texture {foreign(text)} is in no table of splits"
-    if is_picture_for(category, material.id, split) if is_picture else material.id in texture_ids(category, split):
+    if (
+        is_picture_for(category, material.id, split)
+        if is_picture
+        else material.id in texture_ids(category, split)
+    ):
         return ""
     meant = "training" if split == "test" else "test"
     return f"texture {text} is for {meant} only, the frame is for {split}"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from langwm_data.scenes.igibson.files import DataFolder
-from langwm_data.scenes.igibson.models import BASE, link_frames
+from langwm_data.scenes.igibson.models import BASE, Frame, link_frames
 from langwm_data.scenes.igibson.objects import Instance, link_solids
 from langwm_data.scenes.igibson.urdf import Joint
 
@@ -47,7 +47,7 @@ def outline(points: Floats) -> Outline:
 
 
 def open_positions(data: DataFolder, instance: Instance, around: Sequence[Outline]) -> dict[str, float]:
-    """How far each joint of a door on its base link opens, radians or metres.
+    """How far each joint of a door on its base link opens, radians or metres; nothing where it stays closed.
 
     Args:
         data: The dataset.
@@ -58,9 +58,16 @@ def open_positions(data: DataFolder, instance: Instance, around: Sequence[Outlin
     for joint in instance.model.robot.joints:
         if joint.kind not in ("revolute", "prismatic") or joint.parent != BASE:
             continue
+        (link,) = (link for link in instance.model.robot.links if link.name == joint.child)
+        closed = _frame(instance, joint, 0.0)
+        solids = [
+            (points - closed.offset) @ closed.rotation for points in link_solids(data, instance, link, closed)
+        ]
+        near = _near(instance.to_world(closed.offset[None])[0], solids, around, max(joint.limits))
         for position in _openings(joint, instance):
-            leaf = _leaf(data, instance, joint, position)
-            if not any(_touches(part, other) for part in leaf for other in around):
+            frame = _frame(instance, joint, position)
+            leaf = [outline(instance.to_world(p @ frame.rotation.T + frame.offset)) for p in solids]
+            if not any(_touches(part, other) for part in leaf for other in near):
                 positions[joint.name] = position
                 break
     return {name: position for name, position in positions.items() if position}
@@ -77,11 +84,21 @@ def _openings(joint: Joint, instance: Instance) -> Iterable[float]:
     return [high - step * i for i in range(max(math.floor(high / step + 1e-9), -1) + 1)]
 
 
-def _leaf(data: DataFolder, instance: Instance, joint: Joint, position: float) -> list[Outline]:
-    frames = link_frames(instance.model.robot, instance.scale, {joint.name: position}, instance.model.path)
-    (link,) = (link for link in instance.model.robot.links if link.name == joint.child)
-    solids = link_solids(data, instance, link, frames[link.name])
-    return [outline(instance.to_world(solid)) for solid in solids]
+def _frame(instance: Instance, joint: Joint, position: float) -> Frame:
+    """Of the leaf in the base link."""
+    model = instance.model
+    return link_frames(model.robot, instance.scale, {joint.name: position}, model.path)[joint.child]
+
+
+def _near(hinge: Floats, solids: list[Floats], around: Sequence[Outline], slide_m: float) -> list[Outline]:
+    """What a leaf can reach at all."""
+    reach = max(np.linalg.norm(points, axis=1).max() for points in solids) + slide_m if solids else 0.0
+    low, high = hinge[:2] - reach, hinge[:2] + reach
+    return [
+        other
+        for other in around
+        if (other.polygon.max(axis=0) >= low).all() and (other.polygon.min(axis=0) <= high).all()
+    ]
 
 
 def _touches(first: Outline, second: Outline) -> bool:

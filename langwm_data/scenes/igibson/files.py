@@ -8,7 +8,9 @@ import json
 import logging
 import os
 import posixpath
+from bisect import bisect_left
 from functools import cached_property
+from itertools import islice, takewhile
 from pathlib import Path
 from typing import Any
 
@@ -112,9 +114,15 @@ class DataFolder:
 
         Dates and the place of the dataset do not matter, so copies on different machines are the same.
         """
-        start = f"{path}/" if path else ""
-        listing = "".join(f"{d}  {p}\n" for p, d in sorted(self._digests.items()) if p.startswith(start))
+        paths, start = self._sorted_paths, f"{path}/" if path else ""
+        first = bisect_left(paths, start)
+        inside = takewhile(lambda p: p.startswith(start), islice(paths, first, None))
+        listing = "".join(f"{self._digests[p]}  {p}\n" for p in inside)
         return hashlib.sha256(listing.encode("utf-8", "surrogatepass")).hexdigest()
+
+    @cached_property
+    def _sorted_paths(self) -> list[str]:
+        return sorted(self._digests)
 
     @cached_property
     def _digests(self) -> dict[str, str]:

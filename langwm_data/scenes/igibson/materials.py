@@ -37,7 +37,6 @@ _STAND_INS: Mapping[str, str] = MappingProxyType(
         "picture": "paper",
     }
 )
-MAX_INSTANCES = 10_000
 
 
 class Materials:
@@ -130,8 +129,6 @@ def _read_classes(data: DataFolder) -> dict[str, dict[int, str]]:
         raise ValueError(
             f"{MATERIALS_FILE}: not of the form {{class: {{instance: {{diffuse: path}}}}}}: {error}"
         ) from error
-    if sum(map(len, classes.values())) > MAX_INSTANCES:
-        raise ValueError(f"{MATERIALS_FILE}: more than {MAX_INSTANCES} instances")
     return classes
 
 

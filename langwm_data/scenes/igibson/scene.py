@@ -161,7 +161,9 @@ def _objects(
         for body in bodies[instance.placed.name]:
             objects.append(_object(instance, body, rooms, first, next_instance + len(objects)))
     if next_instance + len(objects) > MAX_INSTANCES:
-        raise ValueError(f"{len(objects)} objects; at most {MAX_INSTANCES} can be told apart")
+        raise ValueError(
+            f"{len(objects)} objects in {len(rooms.rooms)} rooms; at most {MAX_INSTANCES} can be told apart"
+        )
     return objects
 
 

@@ -34,9 +34,7 @@ WALLS = {
 LIVING, BEDROOM = (-3.9, -2.9, 0.9, 2.9), (1.1, -2.9, 3.9, 2.9)
 
 TABLE_TOP = [((-0.4, -0.35, 0.7), (0.6, 0.25, 0.75))]
-TABLE_LEGS = [
-    ((x, y, 0.0), (x + 0.05, y + 0.05, 0.7)) for x in (-0.4, 0.55) for y in (-0.35, 0.2)
-]
+TABLE_LEGS = [((x, y, 0.0), (x + 0.05, y + 0.05, 0.7)) for x in (-0.4, 0.55) for y in (-0.35, 0.2)]
 CHAIR = [((-0.2, -0.2, 0.0), (0.2, 0.2, 0.45)), ((-0.2, 0.15, 0.45), (0.2, 0.2, 0.9))]
 """A block with a back at +y."""
 
@@ -52,7 +50,9 @@ def obj_text(boxes, library="", groups=True):
             lines.append(f"v {x[corner[0]]} {y[corner[1]]} {z[corner[2]]}")
         lines += ["vt 0 0", "vt 1 0", "vt 1 1", "vt 0 1"]
         for side in SIDES:
-            lines.append("f " + " ".join(f"{8 * number + v + 1}/{4 * number + t + 1}" for t, v in enumerate(side)))
+            lines.append(
+                "f " + " ".join(f"{8 * number + v + 1}/{4 * number + t + 1}" for t, v in enumerate(side))
+            )
     return "\n".join(lines) + "\n"
 
 
@@ -127,13 +127,17 @@ class Writer:
             parts += link_text(
                 link, [f"shape/visual/{file}" for file in visuals], [f"shape/collision/{link}_cm.obj"]
             )
-        self.text(f"{folder}/{name}.urdf", f'<?xml version="1.0"?><robot name="{name}">{parts}{joints}</robot>')
+        self.text(
+            f"{folder}/{name}.urdf", f'<?xml version="1.0"?><robot name="{name}">{parts}{joints}</robot>'
+        )
         low, high = (np.array(corner, float) for corner in box)
         metadata = {"bbox_size": (high - low).tolist(), "base_link_offset": ((low + high) / 2).tolist()}
         self.json(f"{folder}/misc/metadata.json", metadata)
         self.json(f"{folder}/misc/material_groups.json", groups)
         self.text(f"{folder}/shape/visual/default.mtl", mtl_text("../../material/DIFFUSE.png"))
-        self.png(f"{folder}/material/DIFFUSE.png", flat_picture((90, 90, 200)) if picture is None else picture)
+        self.png(
+            f"{folder}/material/DIFFUSE.png", flat_picture((90, 90, 200)) if picture is None else picture
+        )
 
 
 def flat_picture(color):
@@ -190,7 +194,10 @@ def write_models(writer):
             )
         },
         box=((-0.4, -0.35, 0.0), (0.6, 0.25, 0.75)),
-        groups=[{"0": ["wood", "planks"], "1": ["metal", "mirror"]}, {"link_0_m0_vm.obj": 0, "link_0_m1_vm.obj": 1}],
+        groups=[
+            {"0": ["wood", "planks"], "1": ["metal", "mirror"]},
+            {"link_0_m0_vm.obj": 0, "link_0_m1_vm.obj": 1},
+        ],
     )
     for name in ("chair_a", "chair_b"):
         writer.model(
@@ -250,18 +257,41 @@ def write_models(writer):
 
 OBJECTS = {
     # name: (attributes, centre of the bounding box, yaw)
-    "table_0": ('category="table" model="table_a" room="living_room_0" bounding_box="1.5 0.6 0.8"',
-                (-1.5, -1.0, 0.4), 0.5),
-    "chair_0": ('category="chair" model="random" random_group="4" room="living_room_0" bounding_box="0.4 0.5 1.0"',
-                (-2.5, 1.0, 0.5), 2.0),
-    "chair_1": ('category="chair" model="random" random_group="4" room="living_room_0" bounding_box="0.4 0.5 1.0"',
-                (0.0, 1.5, 0.5), -1.2),
-    "bottom_cabinet_0": ('category="bottom_cabinet" model="cabinet_a" room="bedroom_0" bounding_box="0.8 0.55 0.8"',
-                         (3.5, -2.0, 0.4), -np.pi / 2),
-    "door_0": ('category="door" model="door_a" room="living_room_0,bedroom_0" bounding_box="1.0 0.2 2.0"',
-               (1.0, 0.0, 1.0), np.pi / 2),
-    "bed_0": ('category="bed" model="bed_a" room="bedroom_0" bounding_box="1.4 2.0 0.62"', (3.0, 1.6, 0.31), 0.0),
-    "gramophone_0": ('category="gramophone" model="horn_a" room="bedroom_0" scale="1 1 1"', (1.5, -2.4, 0.6), 0.0),
+    "table_0": (
+        'category="table" model="table_a" room="living_room_0" bounding_box="1.5 0.6 0.8"',
+        (-1.5, -1.0, 0.4),
+        0.5,
+    ),
+    "chair_0": (
+        'category="chair" model="random" random_group="4" room="living_room_0" bounding_box="0.4 0.5 1.0"',
+        (-2.5, 1.0, 0.5),
+        2.0,
+    ),
+    "chair_1": (
+        'category="chair" model="random" random_group="4" room="living_room_0" bounding_box="0.4 0.5 1.0"',
+        (0.0, 1.5, 0.5),
+        -1.2,
+    ),
+    "bottom_cabinet_0": (
+        'category="bottom_cabinet" model="cabinet_a" room="bedroom_0" bounding_box="0.8 0.55 0.8"',
+        (3.5, -2.0, 0.4),
+        -np.pi / 2,
+    ),
+    "door_0": (
+        'category="door" model="door_a" room="living_room_0,bedroom_0" bounding_box="1.0 0.2 2.0"',
+        (1.0, 0.0, 1.0),
+        np.pi / 2,
+    ),
+    "bed_0": (
+        'category="bed" model="bed_a" room="bedroom_0" bounding_box="1.4 2.0 0.62"',
+        (3.0, 1.6, 0.31),
+        0.0,
+    ),
+    "gramophone_0": (
+        'category="gramophone" model="horn_a" room="bedroom_0" scale="1 1 1"',
+        (1.5, -2.4, 0.6),
+        0.0,
+    ),
 }
 
 
@@ -303,7 +333,12 @@ def write_scene(writer, name):
     writer.text(f"{collision}/floor_cm.obj", obj_text([((-4.1, -3.1, -0.2), (4.1, 3.1, 0.0))]))
     writer.text(f"{collision}/ceiling_cm.obj", obj_text([((-4.1, -3.1, 2.4), (4.1, 3.1, 2.6))]))
     for number, (part, color) in enumerate(
-        {"wall": (200, 190, 170), "ceiling": (230, 230, 230), "floor_0": (120, 80, 40), "floor_1": (20, 60, 160)}.items()
+        {
+            "wall": (200, 190, 170),
+            "ceiling": (230, 230, 230),
+            "floor_0": (120, 80, 40),
+            "floor_1": (20, 60, 160),
+        }.items()
     ):
         del number
         writer.text(f"{visual}/{part}.mtl", mtl_text(f"../../material/{part}/COMBINED.png"))

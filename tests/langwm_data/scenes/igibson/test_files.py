@@ -17,7 +17,9 @@ def data(tmp_path):
     return DataFolder(root)
 
 
-@pytest.mark.parametrize("path", ["../secret.json", "inner/../../secret.json", "/etc/passwd", "C:/x.json", "a\0b"])
+@pytest.mark.parametrize(
+    "path", ["../secret.json", "inner/../../secret.json", "/etc/passwd", "C:/x.json", "a\0b"]
+)
 def test_paths_that_lead_out_are_refused(data, path):
     with pytest.raises(ValueError, match="leads out of the dataset"):
         data.read(path)

@@ -25,7 +25,9 @@ def test_trailing_digits_are_the_number_however_they_are_written(dataset, table,
     table["wood"] = {
         f"{style}{number}": {"diffuse": "train.png"}
         for style, number in zip(
-            ("wood_", "Wood0", "wood-00", "x", "2k_wood_", ""), (*HELD_OUT_TEXTURE_IDS["wood"], 7), strict=True
+            ("wood_", "Wood0", "wood-00", "x", "2k_wood_", ""),
+            (*HELD_OUT_TEXTURE_IDS["wood"], 7),
+            strict=True,
         )
     }
     pictures = materials(dataset, table).pictures(["wood"], Assets(tmp_path / "assets"))

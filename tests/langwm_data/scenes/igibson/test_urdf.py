@@ -25,10 +25,19 @@ def test_a_robot_is_read_with_its_meshes_and_joints():
     )
     read = parse_robot(robot(text), "x.urdf")
     (shape,) = read.links[0].visuals
-    assert (shape.file, shape.scale, shape.origin) == ("a.obj", (2, 2, 2), Origin(xyz=(1, 2, 3), rpy=(0, 0, 1)))
+    assert (shape.file, shape.scale, shape.origin) == (
+        "a.obj",
+        (2, 2, 2),
+        Origin(xyz=(1, 2, 3), rpy=(0, 0, 1)),
+    )
     assert read.links[0].collisions[0].scale == (1, 1, 1)
     (hinge,) = read.joints
-    assert (hinge.kind, hinge.axis, hinge.limits, hinge.origin) == ("revolute", (0, 0, 1), (-1, 1.5), Origin())
+    assert (hinge.kind, hinge.axis, hinge.limits, hinge.origin) == (
+        "revolute",
+        (0, 0, 1),
+        (-1, 1.5),
+        Origin(),
+    )
 
 
 def test_angles_turn_about_fixed_axes_one_after_the_other():
@@ -46,7 +55,10 @@ def test_angles_turn_about_fixed_axes_one_after_the_other():
         (robot(""), "0 links of 0 names"),
         (robot('<link name="a"/><link name="a"/>'), "2 links of 1 names"),
         (robot("<link/>"), "a 'link' without 'name'"),
-        (robot('<link name="a"><visual><geometry><box size="1 1 1"/></geometry></visual></link>'), "has no mesh"),
+        (
+            robot('<link name="a"><visual><geometry><box size="1 1 1"/></geometry></visual></link>'),
+            "has no mesh",
+        ),
         (robot(LINKS + joint() + joint('name="k" type="fixed"')), "the child of two joints"),
         (robot(LINKS + joint(parent="nobody")), "joint 'j' names link 'nobody'"),
         (robot(LINKS + joint('name="j" type="ball"')), "joint 'j' is of type 'ball'"),
@@ -64,14 +76,21 @@ def test_robots_that_cannot_be_meant_are_refused(data, message):
 
 
 def scene(attributes='category="chair" model="a"', name="chair_0", with_joint=True):
-    where = joint(parent="world", child=name, inner='<origin xyz="1 2 3" rpy="0 0 0.5"/>') if with_joint else ""
+    where = (
+        joint(parent="world", child=name, inner='<origin xyz="1 2 3" rpy="0 0 0.5"/>') if with_joint else ""
+    )
     return robot(f'<link name="world"/><link name="{name}" {attributes}/>{where}')
 
 
 def test_a_scene_says_what_stands_where():
     attributes = 'category="chair" model="random" random_group="3" room="a_0,b_1" bounding_box="1 2 3"'
     (chair,) = parse_scene(scene(attributes), "s.urdf")
-    assert (chair.name, chair.category, chair.model, chair.random_group) == ("chair_0", "chair", "random", "3")
+    assert (chair.name, chair.category, chair.model, chair.random_group) == (
+        "chair_0",
+        "chair",
+        "random",
+        "3",
+    )
     assert (chair.rooms, chair.bounding_box, chair.scale) == (("a_0", "b_1"), (1, 2, 3), None)
     assert chair.origin == Origin(xyz=(1, 2, 3), rpy=(0, 0, 0.5))
 
@@ -85,7 +104,10 @@ def test_a_scene_says_what_stands_where():
         (scene('category="c" model="m" bounding_box="1 1 1" scale="1 1 1"'), "both bounding_box and scale"),
         (scene('category="c" model="m" bounding_box="1 0 1"'), "bounding_box of 'chair_0' is '1 0 1'"),
         (scene('category="c" model="m" scale="-1 1 1"'), "scale of 'chair_0' is '-1 1 1'"),
-        (scene().replace(b"</robot>", b'<link name="chair_0" category="c" model="m"/></robot>'), "the same name"),
+        (
+            scene().replace(b"</robot>", b'<link name="chair_0" category="c" model="m"/></robot>'),
+            "the same name",
+        ),
     ],
 )
 def test_scenes_that_cannot_be_meant_are_refused(data, message):

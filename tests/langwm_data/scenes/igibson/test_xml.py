@@ -10,7 +10,9 @@ BOMB = b"""<?xml version="1.0"?><!DOCTYPE robot [<!ENTITY a "ha"><!ENTITY b "&a;
 OUTSIDE = b'<!DOCTYPE robot [<!ENTITY x SYSTEM "file:///etc/passwd">]><robot name="a">&x;</robot>'
 
 
-@pytest.mark.parametrize("data", [BOMB, OUTSIDE, b'<!DOCTYPE robot SYSTEM "http://example.org/x.dtd"><robot/>'])
+@pytest.mark.parametrize(
+    "data", [BOMB, OUTSIDE, b'<!DOCTYPE robot SYSTEM "http://example.org/x.dtd"><robot/>']
+)
 def test_declarations_are_refused(data):
     with pytest.raises(ValueError, match="scene: declares a document type or entities"):
         parse_xml(data, "scene")
@@ -31,7 +33,9 @@ def test_deep_and_large_documents_are_refused(monkeypatch):
 
 
 def test_elements_and_attributes_are_read_in_their_order():
-    root = parse_xml(b'<?xml version="1.0"?><!-- note --><a x="1"> <b y="2"/> text <c/><b y="3"/></a>', "scene")
+    root = parse_xml(
+        b'<?xml version="1.0"?><!-- note --><a x="1"> <b y="2"/> text <c/><b y="3"/></a>', "scene"
+    )
     assert (root.tag, root.attributes) == ("a", {"x": "1"})
     assert [child.attributes["y"] for child in root.all("b")] == ["2", "3"]
     assert root.first("c") is not None

@@ -1,0 +1,339 @@
+"""A scene stands in the world where its files put it, worked out here a second time from the files' numbers."""
+
+import dataclasses
+import re
+
+import numpy as np
+import pytest
+
+from langwm_data.config import RobotConfig
+from langwm_data.scenes.geometry import quat_matrix
+from langwm_data.scenes.igibson.doors import outline
+from langwm_data.scenes.igibson.source import IGibson
+from langwm_data.scenes.navigation import FreeSpace
+from langwm_data.scenes.spec import OWN, SceneSpec
+from langwm_data.scenes.splits import HELD_OUT_TEXTURE_IDS, check_palette, sample_palette
+
+TABLE, CHAIR, OTHER_CHAIR, CABINET, DOOR, BED, PILLOW, HORN = range(8)
+
+
+def world_vertices(source, obj):
+    vertices = source.assets.mesh(obj.mesh.name).vertices.astype(float)
+    return vertices @ quat_matrix(obj.orientation).T + obj.position
+
+
+def in_box_frame(points, center, yaw):
+    """Points in the frame of a bounding box."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    return (points - center) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]).T
+
+
+@pytest.mark.parametrize(
+    ("number", "center", "size", "yaw"),
+    [
+        (TABLE, (-1.5, -1.0, 0.4), (1.5, 0.6, 0.8), 0.5),
+        (CHAIR, (-2.5, 1.0, 0.5), (0.4, 0.5, 1.0), 2.0),
+        (OTHER_CHAIR, (0.0, 1.5, 0.5), (0.4, 0.5, 1.0), -1.2),
+        (CABINET, (3.5, -2.0, 0.4), (0.8, 0.55, 0.8), -np.pi / 2),
+        (HORN, (1.5, -2.4, 0.6), (0.3, 0.3, 1.2), 0.0),
+    ],
+)
+def test_an_object_fills_its_bounding_box_where_its_joint_says(source, scene, number, center, size, yaw):
+    points = in_box_frame(world_vertices(source, scene.objects[number]), center, yaw)
+    np.testing.assert_allclose(points.min(axis=0), np.divide(size, -2), atol=1e-5)
+    np.testing.assert_allclose(points.max(axis=0), np.divide(size, 2), atol=1e-5)
+    np.testing.assert_allclose(scene.objects[number].size, size, atol=1e-5)
+
+
+def test_a_yaw_turns_counter_clockwise_seen_from_above(source, scene):
+    vertices = world_vertices(source, scene.objects[CHAIR])
+    back = vertices[vertices[:, 2] > 0.95].mean(axis=0)
+    # The back is at +y of the model, 0.175 of 0.4 m from its middle; the box is 0.5 m deep.
+    reach = 0.175 / 0.4 * 0.5
+    expected = (-2.5 - reach * np.sin(2.0), 1.0 + reach * np.cos(2.0))
+    np.testing.assert_allclose(back[:2], expected, atol=1e-5)
+
+
+def test_two_links_of_a_body_are_one_object_in_two_materials(source, scene):
+    cabinet = scene.objects[CABINET]
+    assert (cabinet.category, cabinet.phrase, cabinet.model) == (
+        "cabinet",
+        "bottom cabinet",
+        "bottom_cabinet/cabinet_a",
+    )
+    assert source.assets.mesh(cabinet.mesh.name).sizes == (12, 12)
+    assert [scene.slots[i].categories for i in cabinet.mesh.slots] == [("wood",), ("paper",)]
+    assert len(cabinet.parts) == 2
+
+
+def test_a_floating_joint_gives_two_objects_at_rest(source, scene):
+    bed, pillow = scene.objects[BED], scene.objects[PILLOW]
+    assert (bed.model, pillow.model) == ("bed/bed_a", "bed/bed_a/link_1")
+    assert bed.instance != pillow.instance
+    np.testing.assert_allclose(pillow.position, (3.1, 2.3, 0.5), atol=1e-6)
+    both = np.concatenate([world_vertices(source, o) for o in (bed, pillow)])
+    np.testing.assert_allclose(both.min(axis=0), (2.3, 0.6, 0.0), atol=1e-5)
+    np.testing.assert_allclose(both.max(axis=0), (3.7, 2.6, 0.62), atol=1e-5)
+    assert all(o.is_fixed for o in scene.objects)
+
+
+def test_solids_lie_where_the_meshes_do(source, scene):
+    for obj in scene.objects:
+        rotation = quat_matrix(obj.orientation)
+        points = np.concatenate(
+            [
+                np.add(p.points, p.position)
+                if p.shape == "hull"
+                else np.multiply(np.array(list(np.ndindex(2, 2, 2))) - 0.5, p.size) + p.position
+                for p in obj.parts
+            ]
+        )
+        solid, seen = points @ rotation.T + obj.position, world_vertices(source, obj)
+        np.testing.assert_allclose(solid.min(axis=0), seen.min(axis=0), atol=2e-4)
+        np.testing.assert_allclose(solid.max(axis=0), seen.max(axis=0), atol=2e-4)
+
+
+def test_a_model_left_open_is_drawn_once_for_its_group_and_again_for_another_seed(
+    source, shared_dataset, scene
+):
+    assert scene.objects[CHAIR].model == scene.objects[OTHER_CHAIR].model
+    drawn = {IGibson(shared_dataset, seed).make("Beechwood_0").objects[CHAIR].model for seed in range(6)}
+    assert drawn == {"chair/chair_a", "chair/chair_b"}
+
+
+def test_the_same_copy_and_seed_give_the_same_scene(source, shared_dataset, scene):
+    again = IGibson(shared_dataset, 0).make("Beechwood_0")
+    assert again == scene
+    assert SceneSpec.from_json(scene.to_json()) == scene
+
+
+def test_what_no_table_knows_is_called_by_its_name(scene, source, caplog):
+    horn = scene.objects[HORN]
+    assert (horn.category, horn.phrase) == ("other_object", "gramophone")
+    source.make("Rs_0")
+    assert "Rs_0: categories gramophone are in no table" in caplog.text
+
+
+def test_rooms_surfaces_and_names_are_those_of_the_files(scene):
+    assert (scene.name, scene.building, scene.floor, scene.split) == ("Beechwood_0", "Beechwood", 0, "train")
+    assert {r.name: r.rect for r in scene.rooms} == {
+        "living_room_0": (-3.9, -2.9, 0.9, 2.9),
+        "bedroom_0": (1.1, -2.9, 3.9, 2.9),
+    }
+    assert scene.height_m == 2.4
+    seen = [s for s in scene.surfaces if s.mesh is not None]
+    assert {(s.kind, s.room) for s in seen} == {
+        (kind, room) for kind in ("wall", "floor", "ceiling") for room in ("living_room_0", "bedroom_0")
+    }
+    assert not any(s.is_seen for s in scene.surfaces if s.part is not None)
+    assert len({s.instance for s in seen}) == 6
+    assert not {s.instance for s in seen} & {o.instance for o in scene.objects}
+    assert scene.objects[DOOR].room == "living_room_0"
+    assert {(m.model, m.licence) for m in scene.models} >= {("table/table_a", "iGibson dataset licence")}
+
+
+def test_walls_belong_to_the_room_that_they_face(source, scene):
+    for surface in scene.surfaces:
+        if surface.mesh is None or surface.kind != "wall":
+            continue
+        mesh = source.assets.mesh(surface.mesh.name)
+        faces_east = mesh.normals[:, 0] > 0.5
+        at_divide = np.abs(mesh.vertices[:, 0] - 1.0) < 0.11
+        x = mesh.vertices[faces_east & at_divide, 0]
+        # The side of the dividing wall that faces east is the bedroom's.
+        assert (len(x) > 0) == (surface.room == "bedroom_0")
+
+
+def test_groups_without_classes_keep_their_own_texture(source, scene):
+    floors = {s.room: s.mesh for s in scene.surfaces if s.kind == "floor" and s.mesh is not None}
+    assert floors["bedroom_0"].slots == (OWN,)
+    assert source.assets.mesh(floors["bedroom_0"].name).materials[0].texture is not None
+    assert scene.slots[floors["living_room_0"].slots[0]].categories == ("wood_floor",)
+    assert scene.objects[CHAIR].mesh.slots == (OWN,)
+
+
+@pytest.mark.parametrize(("name", "split"), [("Beechwood_0", "train"), ("Rs_0", "test")])
+def test_a_split_wears_its_own_textures_only(source, name, split):
+    scene = source.make(name)
+    check_palette(scene)
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        palette = sample_palette(rng, scene.slots, split, scene.pictures)
+        check_palette(dataclasses.replace(scene, palette=palette))
+        for material in palette:
+            held_out = HELD_OUT_TEXTURE_IDS.get(material.category)
+            assert held_out is None or (material.id in held_out) == (split == "test")
+            source.assets.read(f"{material.picture}.png")
+
+
+def test_a_door_opens_until_it_would_touch_the_wall(source, scene):
+    leaf = world_vertices(source, scene.objects[DOOR])
+    low, high = leaf.min(axis=0), leaf.max(axis=0)
+    # Closed, it would lie within the thickness of the wall, x 0.9 to 1.1.
+    assert low[0] < 0.5 or high[0] > 1.5
+    wall = outline(np.array([(0.9, -2.9, 0), (1.1, -2.9, 0), (1.1, -0.5, 0), (0.9, -0.5, 2.4)]))
+    assert (wall.low, wall.high) == (0, 2.4)
+
+
+def test_the_robot_gets_from_room_to_room_and_nowhere_that_the_map_forbids(scene):
+    robot = RobotConfig()
+    free = FreeSpace.from_scene(scene, robot=robot)
+    assert free.is_free((-3.0, 0.0))
+    assert free.is_free((2.0, 0.0))
+    assert np.isfinite(free.distance_field((2.0, 0.0)).distance((-3.0, 0.0)))
+    without = FreeSpace.from_scene(dataclasses.replace(scene, floor_map=None), robot=robot)
+    assert without.is_free((-3.0, 2.3))
+    assert not free.is_free((-3.0, 2.3))
+
+
+def test_free_space_is_what_map_and_solids_leave(scene):
+    """In an empty house: inside of the walls by the robot's radius, and outside of the stairwell."""
+    empty = dataclasses.replace(scene, objects=())
+    robot = RobotConfig()
+    free = FreeSpace.from_scene(empty, robot=robot)
+    x, y = np.moveaxis(free.center(np.stack(np.indices(free.grid.shape), axis=-1)), -1, 0)
+    r = robot.radius_m
+    living = (x > -3.9 + r) & (x < 0.9 - r) & (np.abs(y) < 2.9 - r)
+    bedroom = (x > 1.1 + r) & (x < 3.9 - r) & (np.abs(y) < 2.9 - r)
+    doorway = (np.abs(x - 1.0) <= 0.1 + r) & (np.abs(y) < 0.5 - r)
+    # The map is eroded by a cell of 0.1 m on the side from which x and y come.
+    stairs = (x < -2.9 + 0.1) & (y > 1.9)
+    expected = (living | bedroom | doorway) & ~stairs
+    wrong = free.grid != expected
+    # Walls end in edges and rounded corners at the doorway: half a cell to either side.
+    assert wrong.sum() <= 0.01 * expected.sum()
+    assert not (free.grid & stairs).any()
+
+
+def spoiled(dataset, match):
+    source = IGibson(dataset.root, seed=0)
+    with pytest.raises(ValueError, match=match) as caught:
+        source.make("Beechwood_0")
+    assert str(caught.value).startswith("field 'scenes.igibson': value")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("path", "message"),
+    [
+        ("scenes/Beechwood_0_int/urdf/Beechwood_0_int_best.urdf", "Beechwood_0_int_best.urdf: no such file"),
+        (
+            "scenes/Beechwood_0_int/urdf/Beechwood_0_int_walls.urdf",
+            "Beechwood_0_int_walls.urdf: no such file",
+        ),
+        ("scenes/Beechwood_0_int/shape/visual/wall_vm.obj", "wall_vm.obj: no such file"),
+        (
+            "scenes/Beechwood_0_int/misc/walls_material_groups.json",
+            "walls_material_groups.json: no such file",
+        ),
+        ("scenes/Beechwood_0_int/layout/floor_no_obj_0.png", "floor_no_obj_0.png: no such file"),
+        ("objects/table/table_a/table_a.urdf", "objects/table/table_a/table_a.urdf: no such file"),
+        (
+            "objects/table/table_a/misc/material_groups.json",
+            "table_a/misc/material_groups.json: no such file",
+        ),
+        ("objects/table/table_a/shape/visual/link_0_m0_vm.obj", "link_0_m0_vm.obj: no such file"),
+        ("objects/table/table_a/shape/collision/base_link_cm.obj", "base_link_cm.obj: no such file"),
+    ],
+)
+def test_a_file_that_is_not_there_is_named(dataset, path, message):
+    (dataset.root / path).unlink()
+    spoiled(dataset, re.escape(message))
+
+
+@pytest.mark.parametrize(
+    ("tag", "message"),
+    [
+        ("visual", "the body of link 'base_link' has no visual mesh"),
+        ("collision", "the body of link 'base_link' has no collision mesh"),
+    ],
+)
+def test_a_model_without_meshes_is_named(dataset, tag, message):
+    place = dataset.root / "objects/table/table_a/table_a.urdf"
+    place.write_text(re.sub(f"<{tag}>.*</{tag}>", "", place.read_text()))
+    spoiled(dataset, f"table_a.urdf: {message}")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('category="walls"', 'category="fence"', "0 links of category 'walls'; allowed: one"),
+        ('model="table_a"', 'model="../table_a"', "'../table_a' is no plain name"),
+        ('category="table"', 'category="../table"', "'../table' is no plain name"),
+        ('model="Beechwood_0_int" name="floors"', 'model="../x" name="floors"', "'../x' is no plain name"),
+        (
+            '<robot name="igibson_scene">',
+            '<!DOCTYPE r [<!ENTITY a "b">]><robot name="&a;">',
+            "declares a document type",
+        ),
+        ('category="chair"', 'category="hammock"', "objects/hammock: no such folder"),
+        ('model="horn_a"', 'model="horn_b"', "objects/gramophone/horn_b/horn_b.urdf: no such file"),
+    ],
+)
+def test_a_scene_that_cannot_be_meant_is_refused(dataset, old, new, message):
+    place = dataset.root / "scenes/Beechwood_0_int/urdf/Beechwood_0_int_best.urdf"
+    text = place.read_text()
+    assert old in text
+    place.write_text(text.replace(old, new))
+    spoiled(dataset, message)
+
+
+def test_an_empty_category_is_named(dataset):
+    (dataset.root / "objects/hammock").mkdir()
+    place = dataset.root / "scenes/Beechwood_0_int/urdf/Beechwood_0_int_best.urdf"
+    place.write_text(place.read_text().replace('category="chair"', 'category="hammock"'))
+    spoiled(dataset, "objects/hammock: no model in it, and .* leaves 'chair_0' open")
+
+
+def test_a_class_that_is_nowhere_is_named(dataset):
+    dataset.json(
+        "scenes/Beechwood_0_int/misc/walls_material_groups.json", [{"1": ["velvet"]}, {"wall_vm.obj": 1}]
+    )
+    spoiled(dataset, "wall/1: material class 'velvet' is not in materials/materials.json")
+
+
+def test_a_mesh_that_leads_out_is_refused(dataset):
+    place = dataset.root / "objects/table/table_a/table_a.urdf"
+    place.write_text(place.read_text().replace("shape/visual/link_0_m0_vm.obj", "../../../../secret.obj"))
+    spoiled(dataset, "names '../../../../secret.obj', which leads out of the dataset")
+
+
+def test_meshes_that_were_made_before_are_found_and_made_again_when_they_are_gone(dataset, monkeypatch):
+    source = IGibson(dataset.root, seed=0)
+    first = source.make("Beechwood_0")
+    with monkeypatch.context() as patch:
+        patch.setattr("langwm_data.scenes.igibson.objects._make_mesh", lambda *_: pytest.fail("made again"))
+        assert IGibson(dataset.root, seed=0).make("Beechwood_0") == first
+    name = first.objects[TABLE].mesh.name
+    (source.assets.folders[0] / f"{name}.npz").unlink()
+    assert IGibson(dataset.root, seed=0).make("Beechwood_0") == first
+    source.assets.read(f"{name}.npz")
+
+
+def test_too_many_objects_are_refused(dataset, monkeypatch):
+    monkeypatch.setattr("langwm_data.scenes.igibson.scene.MAX_INSTANCES", 10)
+    spoiled(dataset, "8 objects in 2 rooms; at most 10 can be told apart")
+
+
+def test_a_body_that_is_too_heavy_as_one_mesh_is_refused(dataset, monkeypatch):
+    # The legs alone have 48 triangles, with the top they have 72; the walls have 84.
+    monkeypatch.setattr("langwm_data.scenes.meshes.triangles.MAX_TRIANGLES", 84)
+    place = dataset.root / "objects/table/table_a/shape/visual/link_0_m0_vm.obj"
+    place.write_text(place.read_text() + "f 1 2 3\n" * 30)
+    spoiled(dataset, "table_a.urdf: the body of link 'base_link' has 90 triangles; allowed: 1 to 84")
+
+
+def test_structure_that_is_too_heavy_as_one_mesh_is_refused(dataset, monkeypatch):
+    monkeypatch.setattr("langwm_data.scenes.meshes.triangles.MAX_TRIANGLES", 90)
+    scene = "scenes/Beechwood_0_int"
+    dataset.text(f"{scene}/shape/visual/more_vm.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n" + "f 1 2 3\n" * 10)
+    place = dataset.root / f"{scene}/urdf/Beechwood_0_int_walls.urdf"
+    more = '<visual><geometry><mesh filename="shape/visual/more_vm.obj"/></geometry></visual></link>'
+    place.write_text(place.read_text().replace("</link>", more))
+    spoiled(dataset, "Beechwood_0_int_walls.urdf: has 94 triangles; allowed: 1 to 90")
+
+
+def test_structure_without_meshes_is_named(dataset):
+    place = dataset.root / "scenes/Beechwood_0_int/urdf/Beechwood_0_int_floors.urdf"
+    place.write_text(re.sub("<visual>.*</visual>", "", place.read_text()))
+    spoiled(dataset, "Beechwood_0_int_floors.urdf: no visual mesh")
