@@ -40,7 +40,7 @@ CHAIR = [((-0.2, -0.2, 0.0), (0.2, 0.2, 0.45)), ((-0.2, 0.15, 0.45), (0.2, 0.2, 
 
 
 def obj_text(boxes, library="", groups=True):
-    """Boxes as OBJ, each a group; texture coordinates run once over every side, upright on the walls of it."""
+    """Boxes as OBJ, each a group; texture coordinates run once over every side, upright on its walls."""
     lines = [f"mtllib {library}", "usemtl default"] if library else []
     for number, (low, high) in enumerate(boxes):
         if groups:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from langwm_data.scenes.igibson.doors import outline, open_positions
+from langwm_data.scenes.igibson.doors import open_positions, outline
 from langwm_data.scenes.igibson.files import DataFolder
 from langwm_data.scenes.igibson.models import read_model
 from langwm_data.scenes.igibson.objects import make_instance
@@ -82,6 +82,6 @@ def test_a_sliding_door_slides_as_far_as_its_scale_makes_it(dataset, data):
     )
     place.write_text(text.replace('upper="3.0"', 'upper="0.8"'))
     assert open_positions(data, door(data, box=(2.0, 0.2, 2.0)), []) == {"hinge": pytest.approx(1.6)}
-    # From x -0.88 the leaf of 1.76 m ends at 0.88; the wall leaves it 0.57 m more, less than 12 steps of 5 cm.
+    # From x -0.88 the leaf of 1.76 m ends at 0.88; the wall leaves it 0.57 m more: 11 steps of 5 cm.
     opened = open_positions(data, door(data, box=(2.0, 0.2, 2.0)), [block(1.45, -3, 1.6, 3)])["hinge"]
     assert opened == pytest.approx(0.55)

@@ -72,7 +72,7 @@ def test_text_that_is_no_text_is_refused(data):
 
 @pytest.mark.parametrize("name", ["", ".", "..", "a/b", "a\\b", "c:d", "a\nb"])
 def test_names_that_are_paths_are_refused(name):
-    with pytest.raises(ValueError, match="scene: .* is no plain name"):
+    with pytest.raises(ValueError, match=r"scene: .* is no plain name"):
         plain_name(name, "scene")
 
 

@@ -109,7 +109,7 @@ def test_huge_maps_are_refused_before_they_are_decoded(dataset, data, monkeypatc
 def test_damaged_maps_are_refused(dataset, data):
     place = dataset.root / LAYOUT / "floor_no_obj_0.png"
     place.write_bytes(place.read_bytes()[:60])
-    with pytest.raises(ValueError, match="floor_no_obj_0.png: a damaged map"):
+    with pytest.raises(ValueError, match=r"floor_no_obj_0\.png: a damaged map"):
         read_floor_map(data, LAYOUT)
 
 

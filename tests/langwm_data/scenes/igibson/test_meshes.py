@@ -111,7 +111,8 @@ def test_each_group_of_a_collision_mesh_is_one_solid(dataset, data):
     solids = read_solids(data, "scenes/Rs_int/shape/collision/wall_cm.obj", HERE)
     assert len(solids) == 7
     np.testing.assert_allclose(solids[4].min(axis=0), (0.9, -2.9, 0))
-    text = "usemtl x\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\no a\nusemtl y\nf 1 2 3\nusemtl z\nf 1 2 4\ng b\nf 2 3 4\n"
+    points = "usemtl x\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
+    text = f"{points}o a\nusemtl y\nf 1 2 3\nusemtl z\nf 1 2 4\ng b\nf 2 3 4\n"
     dataset.text("c.obj", text)
     assert [len(s) for s in read_solids(data, "c.obj", HERE)] == [4, 3]
 

@@ -1,4 +1,4 @@
-"""A scene stands in the world where its files put it, worked out here a second time from the files' numbers."""
+"""A scene stands where its files put it, worked out here a second time from the numbers in them."""
 
 import dataclasses
 import re

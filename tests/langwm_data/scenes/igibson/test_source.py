@@ -48,7 +48,7 @@ def test_floors_that_a_copy_lacks_are_named(dataset, caplog):
         ConfigError, match=r"scenes\.igibson.* has no folder 'scenes/Merom_1_int'; allowed: scenes"
     ):
         source.make("Merom_1")
-    with pytest.raises(ValueError, match="scene 'Alder_0' is unknown; allowed: Beechwood_0..1"):
+    with pytest.raises(ValueError, match=r"scene 'Alder_0' is unknown; allowed: Beechwood_0\.\.1"):
         source.make("Alder_0")
 
 
