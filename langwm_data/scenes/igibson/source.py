@@ -23,7 +23,7 @@ _logger = logging.getLogger(__name__)
 
 
 def folder_of(name: str) -> str:
-    """Where its files lie: those of ``Ihlen_1`` in ``scenes/Ihlen_1_int``, of ``Rs_0`` in ``scenes/Rs_int``."""
+    """Where its files lie: ``Ihlen_1`` in ``scenes/Ihlen_1_int``, but ``Rs_0`` in ``scenes/Rs_int``."""
     return "scenes/Rs_int" if name == "Rs_0" else f"scenes/{name}_int"
 
 

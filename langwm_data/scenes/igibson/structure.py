@@ -8,15 +8,14 @@ from langwm_data.scenes.assets import Assets
 from langwm_data.scenes.igibson.files import DataFolder
 from langwm_data.scenes.igibson.maps import RoomMap
 from langwm_data.scenes.igibson.materials import read_groups
-from langwm_data.scenes.igibson.meshes import Floats, Piece, cut, joined, read_piece, read_solids, solid_part
+from langwm_data.scenes.igibson.meshes import Floats, Piece, joined, read_piece, read_solids, solid_part
 from langwm_data.scenes.igibson.models import BASE, Frame, link_frames, shape_pose
+from langwm_data.scenes.igibson.parting import part_by_room
 from langwm_data.scenes.igibson.urdf import Placed, Shape, parse_robot
 from langwm_data.scenes.spec import OWN, MeshSpec, SurfaceKind, SurfaceSpec
 
 KINDS: dict[str, SurfaceKind] = {"walls": "wall", "floors": "floor", "ceilings": "ceiling"}
 
-_BEFORE_M = 0.1
-"""Which room a piece of wall belongs to is asked this far before it."""
 _ORDER: tuple[SurfaceKind, ...] = ("wall", "floor", "ceiling")
 
 
@@ -76,13 +75,8 @@ def surfaces_of(structure: Structure, rooms: RoomMap, first_slot: int, assets: A
         first_slot: Index of the first of its slots in the scene.
         assets: Where meshes are kept.
     """
-    mesh = structure.piece.mesh
-    corners = mesh.vertices[mesh.triangles].astype(np.float64)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    before = (corners.mean(axis=1) + _BEFORE_M * normals)[:, :2]
     surfaces = []
-    for room, piece in cut(structure.piece, rooms.rooms_at(before)).items():
+    for room, piece in part_by_room(structure.piece, rooms.rooms_at).items():
         slots = tuple(slot if slot == OWN else first_slot + slot for slot in piece.slots)
         spec = MeshSpec(name=assets.add_mesh(piece.mesh), slots=slots)
         surfaces.append(_surface(structure.kind, rooms, room, mesh=spec))

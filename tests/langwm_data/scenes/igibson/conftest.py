@@ -326,7 +326,7 @@ def write_scene(writer, name):
     visual, collision = f"{folder}/shape/visual", f"{folder}/shape/collision"
     writer.text(f"{visual}/wall_vm.obj", obj_text(WALLS.values(), "wall.mtl", groups=False))
     writer.text(f"{collision}/wall_cm.obj", obj_text(WALLS.values()))
-    for number, rect in enumerate((LIVING, BEDROOM)):
+    for number, rect in enumerate(((*LIVING[:2], 1.0, LIVING[3]), (1.0, *BEDROOM[1:]))):
         writer.text(f"{visual}/floor_{number}_vm.obj", quad_text(rect, 0.0, f"floor_{number}.mtl", up=True))
         ceiling = "ceiling_vm.obj" if number == 0 else "ceiling_1_vm.obj"
         writer.text(f"{visual}/{ceiling}", quad_text(rect, 2.4, "ceiling.mtl", up=False))

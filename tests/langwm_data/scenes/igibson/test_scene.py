@@ -316,11 +316,10 @@ def test_too_many_objects_are_refused(dataset, monkeypatch):
 
 
 def test_a_body_that_is_too_heavy_as_one_mesh_is_refused(dataset, monkeypatch):
-    # The legs alone have 48 triangles, with the top they have 72; the walls have 84.
-    monkeypatch.setattr("langwm_data.scenes.meshes.triangles.MAX_TRIANGLES", 84)
+    monkeypatch.setattr("langwm_data.scenes.meshes.triangles.MAX_TRIANGLES", 3040)
     place = dataset.root / "objects/table/table_a/shape/visual/link_0_m0_vm.obj"
-    place.write_text(place.read_text() + "f 1 2 3\n" * 30)
-    spoiled(dataset, "table_a.urdf: the body of link 'base_link' has 90 triangles; allowed: 1 to 84")
+    place.write_text(place.read_text() + "f 1 2 3\n" * 3000)
+    spoiled(dataset, "table_a.urdf: the body of link 'base_link' has 3060 triangles; allowed: 1 to 3040")
 
 
 def test_structure_that_is_too_heavy_as_one_mesh_is_refused(dataset, monkeypatch):
