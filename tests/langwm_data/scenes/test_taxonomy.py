@@ -35,7 +35,8 @@ def test_what_scenes_of_others_bring_has_names_of_its_own():
 
 
 def test_an_unknown_category_is_refused_by_name():
-    with pytest.raises(ValueError, match=r"category 'spaceship' is unknown; allowed: wall, .*chair.*pool_table"):
+    message = r"category 'spaceship' is unknown; allowed: wall, .*chair.*pool_table"
+    with pytest.raises(ValueError, match=message):
         phrase("spaceship")
 
 
