@@ -142,7 +142,7 @@ def test_the_environment_drives_in_it_with_held_out_textures(env_config, shared_
         observation, reward, *_, info = env.step(np.array([1.0, 0.2]))
         assert np.isfinite(reward)
         assert observation["rgb"].any()
-        assert (observation["depth"] > 0).all()
+        assert (observation["depth"] > 0).mean() > 0.99
     assert env.unwrapped.scene_names == ("Rs_0",)
     for material in env.unwrapped.palette:
         held_out = HELD_OUT_TEXTURE_IDS.get(material.category)
