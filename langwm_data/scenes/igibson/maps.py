@@ -4,6 +4,8 @@ A pixel is a square centimetre, the middle of the map is the world's origin, col
 y, neither turned round. Source: iGibson 1.0 indoor_scene.py, igibson_indoor_scene.py.
 """
 
+import struct
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -25,6 +27,8 @@ MAX_SIDE_PX = 10_000
 """100 m."""
 
 _FREE = 255
+_COLOR_TYPE_AT, _IS_PALETTE = 25, 3
+"""Of a PNG. Source: ISO/IEC 15948, IHDR."""
 
 Mask = NDArray[np.bool_]
 
@@ -105,14 +109,30 @@ def _read_map(data: DataFolder, path: str) -> NDArray[np.uint8]:
         raise ValueError(
             f"{path}: a map of {width} x {height} pixels; allowed: square, at most {MAX_SIDE_PX} a side"
         )
+    content, has_palette = _with_plain_palette(content)
     image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None:
         raise ValueError(f"{path}: a damaged map")
+    if has_palette:
+        image = image[..., 0]
     if image.ndim != 2 or image.dtype != np.uint8:
         raise ValueError(
             f"{path}: a map of shape {image.shape} {image.dtype}; allowed: one channel of 8 bits"
         )
     return image.astype(np.uint8, copy=False)
+
+
+def _with_plain_palette(png: bytes) -> tuple[bytes, bool]:
+    """A PNG whose palette, if it has one, gives every number the grey of that number; whether it has one.
+
+    A map in the colours of a palette means their numbers, which decoders replace.
+    """
+    at = png.find(b"PLTE")
+    if png[_COLOR_TYPE_AT] != _IS_PALETTE or at < 4:
+        return png, False
+    (length,) = struct.unpack(">I", png[at - 4 : at])
+    chunk = b"PLTE" + bytes(np.repeat(np.arange(length // 3, dtype=np.uint8), 3))
+    return png[:at] + chunk + struct.pack(">I", zlib.crc32(chunk)) + png[at + len(chunk) + 4 :], True
 
 
 def _largest(free: Mask) -> Mask:

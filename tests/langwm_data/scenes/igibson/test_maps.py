@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from langwm_data.scenes.igibson.files import DataFolder
 from langwm_data.scenes.igibson.maps import read_floor_map, read_rooms
@@ -82,6 +83,16 @@ def test_rooms_are_named_as_scenes_name_them(dataset, data):
     points = np.array([(-0.7, 1.4), (1.3, -0.5), (-1.9, -1.9), (1.9, -0.9), (50.0, -50.0)])
     names = [found.rooms[i].name for i in found.rooms_at(points)]
     assert names == ["bedroom_0", "kitchen_0", "bedroom_1", "kitchen_0", "kitchen_0"]
+
+
+def test_a_map_in_the_colours_of_a_palette_means_their_numbers(dataset, data):
+    kinds, instances = blank(), blank()
+    kinds[100:300, 100:300], instances[100:300, 100:300] = 2, 9
+    write(dataset, floor_insseg_0=instances)
+    picture = Image.fromarray(kinds, mode="P")
+    picture.putpalette([7, 7, 7, 200, 0, 0, 7, 7, 7])  # numbers 0 and 2 look the same
+    picture.save(dataset.root / LAYOUT / "floor_semseg_0.png")
+    assert [room.name for room in read_rooms(data, LAYOUT, KINDS).rooms] == ["bedroom_0"]
 
 
 @pytest.mark.parametrize(
