@@ -27,7 +27,7 @@ MAX_SIDE_PX = 10_000
 """100 m."""
 
 _FREE = 255
-_COLOR_TYPE_AT, _IS_PALETTE = 25, 3
+_COLOR_TYPE_AT, _IS_PALETTE = 25, b"\x03"
 """Of a PNG. Source: ISO/IEC 15948, IHDR."""
 
 Mask = NDArray[np.bool_]
@@ -128,7 +128,7 @@ def _with_plain_palette(png: bytes) -> tuple[bytes, bool]:
     A map in the colours of a palette means their numbers, which decoders replace.
     """
     at = png.find(b"PLTE")
-    if png[_COLOR_TYPE_AT] != _IS_PALETTE or at < 4:
+    if png[_COLOR_TYPE_AT : _COLOR_TYPE_AT + 1] != _IS_PALETTE or at < 4:
         return png, False
     (length,) = struct.unpack(">I", png[at - 4 : at])
     chunk = b"PLTE" + bytes(np.repeat(np.arange(length // 3, dtype=np.uint8), 3))
