@@ -8,9 +8,7 @@ import json
 import logging
 import os
 import posixpath
-from bisect import bisect_left
 from functools import cached_property
-from itertools import islice, takewhile
 from pathlib import Path
 from typing import Any
 
@@ -109,20 +107,14 @@ class DataFolder:
             raise ValueError(f"{path}: no such file in {self.root}")
         return digest
 
-    def digest_of_folder(self, path: str = "") -> str:
-        """SHA-256 over names and contents of all files in a folder that scenes may be made from.
+    @cached_property
+    def identity(self) -> str:
+        """SHA-256 over names and contents of all files that scenes may be made from.
 
         Dates and the place of the dataset do not matter, so copies on different machines are the same.
         """
-        paths, start = self._sorted_paths, f"{path}/" if path else ""
-        first = bisect_left(paths, start)
-        inside = takewhile(lambda p: p.startswith(start), islice(paths, first, None))
-        listing = "".join(f"{self._digests[p]}  {p}\n" for p in inside)
+        listing = "".join(f"{digest}  {path}\n" for path, digest in sorted(self._digests.items()))
         return hashlib.sha256(listing.encode("utf-8", "surrogatepass")).hexdigest()
-
-    @cached_property
-    def _sorted_paths(self) -> list[str]:
-        return sorted(self._digests)
 
     @cached_property
     def _digests(self) -> dict[str, str]:

@@ -15,7 +15,12 @@ import numpy as np
 
 from langwm_data import atomic
 from langwm_data.scenes.assets import Assets
-from langwm_data.scenes.catalogue.cache import HEAVY_TRIANGLES, max_error_m
+from langwm_data.scenes.catalogue.cache import (
+    HEAVY_TRIANGLES,
+    MAX_ERROR_M,
+    MAX_ERROR_SHARE,
+    max_error_m,
+)
 from langwm_data.scenes.geometry import axis_quat, quat_product
 from langwm_data.scenes.igibson.files import DataFolder
 from langwm_data.scenes.igibson.materials import read_groups
@@ -146,11 +151,12 @@ def _body(
     positions: Mapping[str, float],
 ) -> Body:
     key = [
-        data.digest_of_folder(instance.model.folder),
+        data.identity,
+        instance.model.path,
         instance.scale,
         sorted(positions.items()),
         links[0].name,
-        [RECIPE, HEAVY_TRIANGLES],
+        [RECIPE, HEAVY_TRIANGLES, MAX_ERROR_M, MAX_ERROR_SHARE],
     ]
     digest = hashlib.sha256(json.dumps(key).encode()).hexdigest()
     note = assets.folders[0] / "bodies" / f"{digest}.json"

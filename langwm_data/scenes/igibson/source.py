@@ -63,7 +63,7 @@ class IGibson:
                 assets=Assets(cache_folder() / "igibson"),
                 seed=seed,
             )
-            self.identity: Mapping[str, str] = {"igibson": data.digest_of_folder()}
+            self.identity: Mapping[str, str] = {"igibson": data.identity}
         except ValueError as error:
             raise self._refused(
                 f"cannot be used: {error}", "a whole copy of the iGibson 1.0 dataset"

@@ -82,29 +82,29 @@ def test_too_many_files_are_refused(data, monkeypatch):
         data.digest("inner/a.json")
 
 
-def test_the_digest_of_a_folder_follows_contents_and_names_but_not_dates_or_place(data, tmp_path):
-    first = data.digest_of_folder()
+def test_the_identity_follows_contents_and_names_but_not_dates_or_place(data, tmp_path):
+    first = data.identity
     copy = tmp_path / "copy"
     (copy / "inner").mkdir(parents=True)
     (copy / "inner/a.json").write_text('{"x": 1}')
     os.utime(copy / "inner/a.json", (0, 0))
-    assert DataFolder(copy).digest_of_folder() == first
+    assert DataFolder(copy).identity == first
     (copy / "inner/a.json").write_text('{"x": 2}')
-    assert DataFolder(copy).digest_of_folder() != first
+    assert DataFolder(copy).identity != first
     (copy / "inner/a.json").rename(copy / "inner/b.json")
     (copy / "inner/b.json").write_text('{"x": 1}')
-    assert DataFolder(copy).digest_of_folder() != first
+    assert DataFolder(copy).identity != first
 
 
 def test_what_was_hashed_before_is_not_read_again(data, monkeypatch):
-    first = data.digest_of_folder()
+    first = data.identity
     monkeypatch.setattr(files, "_sha256", lambda place: pytest.fail(f"{place} is read again"))
-    assert DataFolder(data.root).digest_of_folder() == first
+    assert DataFolder(data.root).identity == first
 
 
 def test_a_damaged_note_of_digests_is_made_again(data, caplog):
-    first = data.digest_of_folder()
+    first = data.identity
     for note in (files.cache_folder() / "digests").iterdir():
         note.write_text("[1]")
-    assert DataFolder(data.root).digest_of_folder() == first
+    assert DataFolder(data.root).identity == first
     assert "damaged" in caplog.text

@@ -157,3 +157,15 @@ def test_the_environment_needs_no_more_than_a_rendered_dataset(env_config, folde
     assert info["scene"] == "Beechwood_0"
     assert observation["rgb"].any()
     env.close()
+
+
+def test_a_copy_elsewhere_gives_the_same_bytes_from_an_empty_cache(
+    folder, shared_dataset, tmp_path, monkeypatch
+):
+    shutil.copytree(shared_dataset, tmp_path / "copy")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    config = build_config(DatasetConfig, OPTIONS | {"scenes": {"igibson": str(tmp_path / "copy")}})
+    again = render_dataset(config, tmp_path / "data")
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and path.name not in ("config.yaml", "dataset.json"):  # say where the copy lies
+            assert (again / path.relative_to(folder)).read_bytes() == path.read_bytes(), path
