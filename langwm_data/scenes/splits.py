@@ -161,11 +161,12 @@ def sample_palette(
 
     Source: iGibson 1.0 materials.py (uniform class, then uniform instance).
     """
-    palette = []
+    palette, choices = [], {}
     for slot in slots:
         category = slot.categories[rng.integers(len(slot.categories))]
-        choices = _choices(category, split, tuple(pictures))
-        palette.append(choices[rng.integers(len(choices))])
+        if category not in choices:
+            choices[category] = _choices(category, split, tuple(pictures))
+        palette.append(choices[category][rng.integers(len(choices[category]))])
     return tuple(palette)
 
 
@@ -208,13 +209,14 @@ def check_palette(scene: SceneSpec) -> None:
         raise ValueError(
             f"scene {scene.name!r} is marked {scene.split}; building {scene.building} is for {building.split}"
         )
+    pictures = set(scene.pictures)
     for slot, material in zip(scene.slots, scene.palette, strict=True):
         if material.category not in slot.categories:
             raise ValueError(
                 f"scene {scene.name!r}: slot {slot.name!r} holds texture {material};"
                 f" allowed categories: {', '.join(slot.categories)}"
             )
-        if scene.pictures and material not in scene.pictures:
+        if pictures and material not in pictures:
             raise ValueError(
                 f"scene {scene.name!r}: slot {slot.name!r} holds texture {material}, none of its pictures"
             )

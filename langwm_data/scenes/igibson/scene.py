@@ -19,6 +19,7 @@ from langwm_data.scenes.igibson.structure import KINDS, Structure, read_structur
 from langwm_data.scenes.igibson.urdf import Placed, parse_scene
 from langwm_data.scenes.spec import (
     OWN,
+    MaterialRef,
     MaterialSlot,
     MeshSpec,
     ModelRecord,
@@ -87,10 +88,7 @@ def make_scene(copy: Copy, name: str, folder: str) -> SceneSpec:
     instances = [_instance(copy, name, path, placed) for placed in everything if placed.category not in KINDS]
     _warn_of_unknown(name, instances)
     objects = _objects(copy, instances, structures, rooms, slots)
-    for slot in slots.slots:
-        for category in slot.categories:
-            copy.materials.check(category, f"{path}: {slot.name}")
-    pictures = copy.materials.pictures({c for slot in slots.slots for c in slot.categories}, copy.assets)
+    pictures = _pictures(copy, path, slots.slots)
     building, _, number = name.rpartition("_")
     split = split_of_scene(name, IGIBSON_BUILDINGS)
     rng = make_rng(copy.seed, "palette", name)
@@ -120,6 +118,14 @@ def _structure(
         raise ValueError(f"{path}: {len(placed)} links of category {category!r}; allowed: one")
     plain_name(placed[0].model, path)
     return read_structure(data, folder, placed[0])
+
+
+def _pictures(copy: Copy, path: str, slots: Sequence[MaterialSlot]) -> tuple[MaterialRef, ...]:
+    """All that the slots may wear."""
+    for slot in slots:
+        for category in slot.categories:
+            copy.materials.check(category, f"{path}: {slot.name}")
+    return copy.materials.pictures({c for slot in slots for c in slot.categories}, copy.assets)
 
 
 def _instance(copy: Copy, scene: str, path: str, placed: Placed) -> Instance:
