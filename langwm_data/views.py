@@ -28,6 +28,8 @@ _MAX_SHARE = 0.5
 """And at most this share of the picture: closer, there is nothing but the object to be seen."""
 _MIDDLE = 0.9
 """The object's middle comes to lie anywhere in this share of the picture's width."""
+_SLACK_M = 1e-6
+"""Far more than rounding errors: what is looked at only because of it is found not to be in the way."""
 
 Floats = NDArray[np.float64]
 XY = tuple[float, float]
@@ -59,6 +61,8 @@ class Sights:
     """(N, 2, 3), lower and upper corner of each object."""
     boxes: Boxes
     """One around each part of the scene, in whose way a sight line may be."""
+    reach: Floats
+    """(2, 3, N), lower and upper corner of the axis-aligned box around each of them, and a little more."""
     owners: NDArray[np.int64]
     """Instance id of each box."""
 
@@ -67,21 +71,30 @@ class Sights:
         """Those of one scene."""
         parts = list(scene.iter_parts())
         boxes = Boxes.of_parts((position, orientation, part) for _, position, orientation, part in parts)
+        reach = boxes.bounds
         owners = np.array([instance for instance, *_ in parts], np.int64)
         objects = np.array([o.instance for o in scene.objects if is_nameable(o.category)], np.int64)
-        corners = [boxes.bounds[owners == number] for number in objects]
+        corners = [reach[owners == number] for number in objects]
         bounds = [np.stack([c[:, 0].min(axis=0), c[:, 1].max(axis=0)]) for c in corners]
-        return cls(objects=objects, bounds=np.reshape(bounds, (-1, 2, 3)), boxes=boxes, owners=owners)
+        return cls(
+            objects=objects,
+            bounds=np.reshape(bounds, (-1, 2, 3)),
+            boxes=boxes,
+            reach=np.ascontiguousarray((reach + [[-_SLACK_M], [_SLACK_M]]).transpose(1, 2, 0)),
+            owners=owners,
+        )
 
     def is_hidden(self, eye: Floats, point: Floats, instance: int) -> bool:
         """Whether the box of a part of anything else lies between ``eye`` and ``point``, each (3,)."""
-        start = np.einsum("nji,nj->ni", self.boxes.axes, eye - self.boxes.center)
-        along = np.einsum("nji,j->ni", self.boxes.axes, point - eye)
+        low, high = np.minimum(eye, point)[:, None], np.maximum(eye, point)[:, None]
+        may_hide = ((self.reach[0] < high) & (self.reach[1] > low)).all(axis=0) & (self.owners != instance)
+        axes, half = self.boxes.axes[may_hide], self.boxes.half[may_hide]
+        start = np.einsum("nji,nj->ni", axes, eye - self.boxes.center[may_hide])
+        along = np.einsum("nji,j->ni", axes, point - eye)
         with np.errstate(divide="ignore", invalid="ignore"):
-            sides = np.stack([-self.boxes.half - start, self.boxes.half - start]) / along
+            sides = np.stack([-half - start, half - start]) / along
         enters, leaves = np.nanmax(sides.min(axis=0), axis=1), np.nanmin(sides.max(axis=0), axis=1)
-        is_between = (np.maximum(enters, 0.0) < np.minimum(leaves, 1.0)) & (self.owners != instance)
-        return bool(is_between.any())
+        return bool((np.maximum(enters, 0.0) < np.minimum(leaves, 1.0)).any())
 
 
 def camera_space(scene: SceneSpec, config: DatasetConfig) -> FreeSpace:
@@ -160,8 +173,9 @@ def _aims(sights: Sights, xy: XY, config: CameraConfig) -> tuple[Floats, Floats]
 
 def _sample_place(rng: np.random.Generator, space: FreeSpace, config: DatasetConfig, scene_name: str) -> XY:
     for _ in range(_PLACE_TRIES):
-        x, y = space.sample(rng).tolist()
-        if space.clearance((x, y)) >= config.cameras.min_clearance_m:
+        place, clearance_m = space.sample_place(rng)
+        if clearance_m >= config.cameras.min_clearance_m:
+            x, y = place.tolist()
             return x, y
     raise _no_place(scene_name, config.cameras.min_clearance_m)
 
