@@ -28,7 +28,7 @@ _MAX_SHARE = 0.5
 """And at most this share of the picture: closer, there is nothing but the object to be seen."""
 _MIDDLE = 0.9
 """The object's middle comes to lie anywhere in this share of the picture's width."""
-_SLACK_M = 1e-6
+_SLACK_M = np.array([-1e-6, 1e-6])[:, None, None]
 """Far more than rounding errors: what is looked at only because of it is found not to be in the way."""
 
 Floats = NDArray[np.float64]
@@ -71,16 +71,16 @@ class Sights:
         """Those of one scene."""
         parts = list(scene.iter_parts())
         boxes = Boxes.of_parts((position, orientation, part) for _, position, orientation, part in parts)
-        reach = boxes.bounds
+        around = boxes.bounds
         owners = np.array([instance for instance, *_ in parts], np.int64)
         objects = np.array([o.instance for o in scene.objects if is_nameable(o.category)], np.int64)
-        corners = [reach[owners == number] for number in objects]
+        corners = [around[owners == number] for number in objects]
         bounds = [np.stack([c[:, 0].min(axis=0), c[:, 1].max(axis=0)]) for c in corners]
         return cls(
             objects=objects,
             bounds=np.reshape(bounds, (-1, 2, 3)),
             boxes=boxes,
-            reach=np.ascontiguousarray((reach + [[-_SLACK_M], [_SLACK_M]]).transpose(1, 2, 0)),
+            reach=np.moveaxis(around, 0, -1) + _SLACK_M,
             owners=owners,
         )
 
