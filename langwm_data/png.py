@@ -34,7 +34,8 @@ def encode_png(image: NDArray[Any]) -> bytes:
         np.subtract(pixels[1:], pixels[:-1], out=rows[1:, 1:])
     else:
         rows[:, 0], rows[:, 1:] = FILTER_NONE, pixels
-    packer = zlib.compressobj(level=1, strategy=zlib.Z_HUFFMAN_ONLY if is_color else zlib.Z_DEFAULT_STRATEGY)
+    strategy = zlib.Z_HUFFMAN_ONLY if is_color else zlib.Z_DEFAULT_STRATEGY
+    packer = zlib.compressobj(level=1, memLevel=zlib.DEF_MEM_LEVEL + 1, strategy=strategy)
     bits, color_type = 8 * image.dtype.itemsize, _RGB if is_color else _GRAY
     return b"".join(
         (
