@@ -8,7 +8,7 @@ import importlib
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import Any
 
 STAGES: dict[str, tuple[str, ...]] = {
