@@ -1,42 +1,109 @@
-"""Homes with their loose things at rest: settled by physics, or read from a dataset that has them."""
+"""Scenes with their loose things at rest: settled by physics, or read from a dataset that has them."""
 
+from collections.abc import Mapping
+from functools import cache, lru_cache
 from pathlib import Path
 
 from langwm_data.config import ScenesConfig
 from langwm_data.config_io import ConfigError
-from langwm_data.scenes.spec import SceneSpec
-from langwm_data.scenes.splits import split_of_scene
-from langwm_data.shards.manifest import GENERATOR, read_manifest
+from langwm_data.scenes.assets import ASSETS_DIR, NO_ASSETS, Assets
+from langwm_data.scenes.homes import Homes
+from langwm_data.scenes.source import SceneSource
+from langwm_data.scenes.spec import SceneSpec, Split
+from langwm_data.shards.manifest import GENERATOR, Manifest, read_manifest
 from langwm_data.shards.scenes import read_scene, scene_path
-from langwm_data.sim.world import bake_home
+from langwm_data.sim.settle import settle
 
 
-def load_home(name: str, scenes: ScenesConfig) -> SceneSpec:
-    """The home called ``name``, the same wherever it comes from.
+class SceneLibrary:
+    """All floors that a config offers. Made by ``open_scenes``."""
 
-    With ``scenes.baked`` it is read, which needs no physics engine; a floor that no frame of that dataset
-    shows is settled as without it.
+    def __init__(self, config: ScenesConfig) -> None:
+        self._folder = None if config.baked is None else Path(config.baked)
+        manifest = None if self._folder is None else read_manifest(self._folder)
+        source = _source(config, manifest)
+        if self._folder is not None and manifest is not None:
+            _check_origin(self._folder, manifest, config, source.identity)
+        self._source = source
+        self.identity: Mapping[str, str] = source.identity
+        """SHA-256 of the files of others that scenes are made from, by field; see ``SceneSource``."""
+        own = () if self._folder is None else (self._folder / ASSETS_DIR,)
+        self.assets = Assets(*own, *source.assets.folders)
+
+    def names(self, split: Split | None = None) -> tuple[str, ...]:
+        """Names of all floors, or of those of one split."""
+        return self._source.names(split)
+
+    def load(self, name: str) -> SceneSpec:
+        """The floor called ``name``, the same wherever it comes from; its assets are in ``assets``.
+
+        With ``scenes.baked`` it is read, which needs no physics engine; a floor that no frame of that
+        dataset shows is settled as without it.
+
+        Raises:
+            ValueError: If there is no such floor.
+        """
+        if self._folder is not None and name in self.names() and scene_path(self._folder, name).is_file():
+            return read_scene(self._folder, name)
+        return _bake(self._source, name)
+
+
+@cache
+def open_scenes(config: ScenesConfig) -> SceneLibrary:
+    """The floors that ``config`` offers; opened once in a process.
 
     Raises:
-        ValueError: If there is no such home, or what ``scenes.baked`` names is no finished dataset, or one
-            of another seed or generator.
+        ValueError: If what ``scenes.baked`` names is no finished dataset, or one of other scenes.
     """
-    split_of_scene(name)
-    if scenes.baked is None:
-        return bake_home(name, seed=scenes.seed)
-    folder = Path(scenes.baked)
-    _check_origin(folder, scenes.seed)
-    if not scene_path(folder, name).is_file():
-        return bake_home(name, seed=scenes.seed)
-    return read_scene(folder, name)
+    return SceneLibrary(config)
 
 
-def _check_origin(folder: Path, seed: int) -> None:
-    manifest = read_manifest(folder)
+class _OnlyBaked:
+    """The floors of a dataset that were made from files of others, which may not be on this machine."""
+
+    def __init__(self, manifest: Manifest) -> None:
+        self.assets = NO_ASSETS
+        self.identity: Mapping[str, str] = manifest.sources
+        self._splits = {split: tuple(record.scenes) for split, record in manifest.splits.items()}
+
+    def names(self, split: Split | None = None) -> tuple[str, ...]:
+        return tuple(name for s, names in self._splits.items() if split in (None, s) for name in names)
+
+    def make(self, name: str) -> SceneSpec:
+        allowed = ", ".join(self.names())
+        raise ValueError(f"scene {name!r} is not in the dataset that scenes.baked names; allowed: {allowed}")
+
+
+def _source(config: ScenesConfig, baked: Manifest | None) -> SceneSource:
+    is_named = config.furniture is not None or config.igibson is not None
+    if baked is not None and baked.sources and not is_named:
+        return _OnlyBaked(baked)
+    return Homes(config.seed)
+
+
+@lru_cache(maxsize=64)
+def _bake(source: SceneSource, name: str) -> SceneSpec:
+    return settle(source.make(name))
+
+
+def _check_origin(
+    folder: Path, manifest: Manifest, config: ScenesConfig, identity: Mapping[str, str]
+) -> None:
     scenes = manifest.config.get("scenes")
     made_with = scenes.get("seed") if isinstance(scenes, dict) else None
-    if (made_with, manifest.generator) != (seed, GENERATOR):
+    if (made_with, manifest.generator) != (config.seed, GENERATOR):
         raise ConfigError(
             f"field 'scenes.baked': value {str(folder)!r} holds scenes of seed {made_with} by"
-            f" {manifest.generator}; allowed: a dataset of scenes.seed {seed} by {GENERATOR}"
+            f" {manifest.generator}; allowed: a dataset of scenes.seed {config.seed} by {GENERATOR}"
         )
+    if dict(identity) != manifest.sources:
+        raise ConfigError(
+            f"field 'scenes.baked': value {str(folder)!r} holds scenes made from"
+            f" {_listed(manifest.sources)}; allowed: a dataset of scenes made from {_listed(identity)}"
+        )
+
+
+def _listed(sources: Mapping[str, str]) -> str:
+    return (
+        ", ".join(f"scenes.{field} {digest[:12]}" for field, digest in sources.items()) or "nothing of others"
+    )

@@ -57,8 +57,21 @@ class ScenesConfig:
 
     seed: int = 0
     """Seed of the procedural homes: same seed, same fifteen floors."""
+    furniture: str | None = None
+    """Folder of Sweet Home 3D catalogues (``.sh3f``): their models stand in the homes in the place of
+    procedural ones of the same kind."""
+    igibson: str | None = None
+    """Folder of a licensed copy of the iGibson 1.0 dataset: its fifteen scenes in the place of homes."""
     baked: str | None = None
-    """Folder of a finished dataset of this seed: its floors are read instead of being settled again."""
+    """Folder of a finished dataset of these scenes: its floors are read instead of being settled again. Of
+    scenes made from files of others it needs no more than this."""
+
+    def __post_init__(self) -> None:
+        """Refuse two kinds of scenes at once."""
+        if self.furniture is not None and self.igibson is not None:
+            raise ConfigError(
+                f"scenes.furniture {self.furniture!r} is for homes; it cannot be given with scenes.igibson"
+            )
 
 
 @config

@@ -8,12 +8,13 @@ import dataclasses
 import hashlib
 import json
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 from langwm_data import atomic
+from langwm_data.baking import open_scenes
 from langwm_data.config import DatasetConfig
 from langwm_data.config_io import ConfigError, config_to_dict
 from langwm_data.engines import Engine, Pool, check_engine, make_pool
@@ -122,12 +123,19 @@ def render_range(
         return _make(config, output, tasks, partial(make_pool, engine, workers), progress or _ignore)
 
 
-def fingerprint(config: DatasetConfig) -> str:
-    """SHA-256 over everything that the bytes of the shards depend on."""
+def fingerprint(config: DatasetConfig, sources: Mapping[str, str] | None = None) -> str:
+    """SHA-256 over everything that the bytes of the shards depend on.
+
+    Args:
+        config: What is rendered.
+        sources: SHA-256 of the files of others that scenes are made from; read off them if not given.
+    """
     values = config_to_dict(config)
-    del values["scenes"]["baked"]  # says where scenes are read from, not what they are
+    for where in ("baked", "furniture", "igibson"):  # say where things lie, not what they are
+        del values["scenes"][where]
     value = {
         "config": values,
+        "sources": dict(open_scenes(config.scenes).identity if sources is None else sources),
         "generator": GENERATOR,
         "schema_version": SCHEMA_VERSION,
         "renderer": describe_renderer(config.render),
@@ -231,6 +239,7 @@ def _origin(config: DatasetConfig) -> Origin:
         fingerprint=fingerprint(config),
         renderer=describe_renderer(config.render),
         config=config_to_dict(config),
+        sources=dict(open_scenes(config.scenes).identity),
         camera=CameraRecord(
             height=camera.height,
             width=camera.width,

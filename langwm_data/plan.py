@@ -8,9 +8,9 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from langwm_data.baking import open_scenes
 from langwm_data.config import DatasetConfig
 from langwm_data.config_io import ConfigError
-from langwm_data.scenes.homes import scene_names
 from langwm_data.scenes.spec import Split
 from langwm_data.seeding import make_rng
 
@@ -91,7 +91,7 @@ def plan_frame(config: DatasetConfig, split: Split, number: int) -> FramePlan:
 
 def scene_of_block(config: DatasetConfig, split: Split, block: int) -> str:
     """The floor that a block shows: each floor once, in random order, before any comes again."""
-    names = scene_names(split)
+    names = open_scenes(config.scenes).names(split)
     turn, place = divmod(block, len(names))
     order = make_rng(config.seed, "scenes", split, turn).permutation(len(names))
     return names[order[place]]

@@ -3,19 +3,19 @@
 from types import TracebackType
 
 from agent.config import EnvConfig
-from langwm_data.baking import load_home
+from langwm_data.baking import open_scenes
 from langwm_data.scenes.navigation import DistanceField, FreeSpace
 from langwm_data.scenes.spec import SceneSpec
 from langwm_data.sim.world import World
 
 
 def load_scene(name: str, config: EnvConfig) -> SceneSpec:
-    """The home called ``name``, its loose things at rest.
+    """The floor called ``name``, its loose things at rest.
 
     Raises:
-        ValueError: If there is no such home, or ``config.scenes.baked`` names no dataset that has it.
+        ValueError: If there is no such floor, or ``config.scenes.baked`` names no dataset that has it.
     """
-    return load_home(name, config.scenes)
+    return open_scenes(config.scenes).load(name)
 
 
 class Site:

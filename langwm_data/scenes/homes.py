@@ -6,6 +6,7 @@ millimetres above what they will rest on until a simulator settles them.
 
 from collections.abc import Mapping, Sequence
 
+from langwm_data.scenes.assets import NO_ASSETS
 from langwm_data.scenes.floorplan import sample_plan
 from langwm_data.scenes.furnishing.fittings import dress_windows, fill_openings
 from langwm_data.scenes.furnishing.kitchen import furnish_kitchen
@@ -54,6 +55,27 @@ def scene_names(split: Split | None = None) -> tuple[str, ...]:
         if split in (None, building.split)
         for floor in range(building.floors)
     )
+
+
+class Homes:
+    """The procedural homes of one seed as a source of scenes."""
+
+    def __init__(self, seed: int) -> None:
+        self.assets = NO_ASSETS
+        self.identity: Mapping[str, str] = {}
+        self._seed = seed
+
+    def names(self, split: Split | None = None) -> tuple[str, ...]:
+        """Names of all floors, or of those of one split."""
+        return scene_names(split)
+
+    def make(self, name: str) -> SceneSpec:
+        """One floor.
+
+        Raises:
+            ValueError: If there is no floor of that name.
+        """
+        return make_home(name, seed=self._seed)
 
 
 def make_home(name: str, *, seed: int) -> SceneSpec:

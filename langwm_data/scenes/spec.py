@@ -10,20 +10,25 @@ import dataclasses
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Self
+from typing import Any, Literal, NamedTuple, Self
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-SCHEMA_VERSION = 1
+from langwm_data.scenes.taxonomy import phrase
+
+SCHEMA_VERSION = 2
 
 Split = Literal["train", "test"]
-Shape = Literal["box", "cylinder", "ellipsoid", "frustum"]
+Shape = Literal["box", "cylinder", "ellipsoid", "frustum", "hull"]
 SurfaceKind = Literal["wall", "floor", "ceiling"]
 Vec3 = tuple[float, float, float]
 Quat = tuple[float, float, float, float]
 Rect = tuple[float, float, float, float]
 
 IDENTITY: Quat = (0.0, 0.0, 0.0, 1.0)
+
+OWN = -1
+"""In place of a slot: the material that a mesh brings along."""
 
 
 @dataclass(frozen=True, kw_only=True, order=True)
@@ -32,6 +37,8 @@ class MaterialRef:
 
     category: str
     id: int
+    picture: str = ""
+    """SHA-256 of the PNG that shows it, an asset of its scene; empty for the procedural textures."""
 
     def __str__(self) -> str:
         """``wood/05``."""
@@ -39,7 +46,7 @@ class MaterialRef:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """The inverse of ``str``."""
+        """The inverse of ``str``, for procedural textures."""
         category, _, number = text.rpartition("/")
         return cls(category=category, id=int(number))
 
@@ -57,7 +64,8 @@ class PartSpec:
     """One solid primitive of an object or surface, in the frame of its owner.
 
     ``size`` is the full extent along the part's own x, y, z before rotation. A ``cylinder`` and a
-    ``frustum`` stand along z; ``taper`` is the ratio of a frustum's top radius to its bottom radius.
+    ``frustum`` stand along z; ``taper`` is the ratio of a frustum's top radius to its bottom radius. A
+    ``hull`` is the convex hull of ``points``, the middle of whose bounding box is the part's centre.
     """
 
     shape: Shape
@@ -69,6 +77,32 @@ class PartSpec:
     orientation: Quat = IDENTITY
     """Quaternion x, y, z, w."""
     taper: float = 1.0
+    points: tuple[Vec3, ...] = ()
+    """Of a hull, relative to its centre; empty for all other shapes."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeshSpec:
+    """Triangles that are drawn in the place of parts, in the frame of their owner."""
+
+    name: str
+    """SHA-256 of its file, an asset of the scene."""
+    slots: tuple[int, ...]
+    """For each of its groups of triangles the index into ``SceneSpec.slots``, or ``OWN``."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelRecord:
+    """Who made a model that is not the generator's own, and which split may show it."""
+
+    model: str
+    split: Split
+    name: str
+    """As its source calls it."""
+    author: str
+    licence: str
+    source: str
+    """The catalogue or dataset it comes from."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,19 +121,29 @@ class ObjectSpec:
     size: Vec3
     """Extent of the bounding box in the object's own frame, the origin at the centre of its bottom."""
     parts: tuple[PartSpec, ...]
+    """What it collides with; also what it looks like, unless there is a mesh."""
     is_fixed: bool = True
     """Whether physics leaves it in place; loose objects are settled once, then stay."""
+    mesh: MeshSpec | None = None
+    phrase: str = ""
+    """The noun that captions use for it; empty for that of its category."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceSpec:
-    """Part of the building itself: all wall, floor or ceiling pieces of one room share an instance."""
+    """Part of the building itself: all wall, floor or ceiling pieces of one room share an instance.
+
+    In world coordinates.
+    """
 
     instance: int
     kind: SurfaceKind
     room: str
-    part: PartSpec
-    """In world coordinates."""
+    part: PartSpec | None
+    """What is collided with, and seen where there is no mesh; None for a mesh that is only seen."""
+    mesh: MeshSpec | None = None
+    is_seen: bool = True
+    """False for a solid that is only collided with: a piece of what the mesh of another surface shows."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,6 +165,15 @@ class DoorwaySpec:
     width: float
 
 
+class InstanceName(NamedTuple):
+    """What one thing in a scene is called."""
+
+    category: str
+    model: str
+    phrase: str
+    """The noun that captions use."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class SceneSpec:
     """One floor of one building."""
@@ -140,6 +193,10 @@ class SceneSpec:
     slots: tuple[MaterialSlot, ...]
     palette: tuple[MaterialRef, ...]
     """The material now in each slot."""
+    pictures: tuple[MaterialRef, ...] = ()
+    """All materials that its slots may take, where they are pictures; else they are procedural."""
+    models: tuple[ModelRecord, ...] = ()
+    """Of the models of others that stand in it, each once."""
 
     def with_palette(self, palette: Sequence[MaterialRef]) -> Self:
         """The same scene in other materials."""
@@ -149,15 +206,33 @@ class SceneSpec:
             )
         return dataclasses.replace(self, palette=tuple(palette))
 
-    def instances(self) -> dict[int, tuple[str, str]]:
-        """Instance id to (category, model) for everything that can appear in a mask."""
-        table = {s.instance: (s.kind, f"{s.room}_{s.kind}") for s in self.surfaces}
-        return table | {o.instance: (o.category, o.model) for o in self.objects}
+    def instances(self) -> dict[int, InstanceName]:
+        """What everything that can appear in a mask is called, by instance id."""
+        table = {
+            s.instance: InstanceName(category=s.kind, model=f"{s.room}_{s.kind}", phrase=s.kind)
+            for s in self.surfaces
+        }
+        for o in self.objects:
+            noun = o.phrase or phrase(o.category)
+            table[o.instance] = InstanceName(category=o.category, model=o.model, phrase=noun)
+        return table
+
+    def assets(self) -> tuple[str, ...]:
+        """Names of the meshes and pictures that it needs, sorted; see ``scenes.assets``."""
+        meshes = {owner.mesh.name for owner in (*self.surfaces, *self.objects) if owner.mesh}
+        pictures = {m.picture for m in (*self.palette, *self.pictures) if m.picture}
+        return tuple(sorted({f"{name}.npz" for name in meshes} | {f"{name}.png" for name in pictures}))
+
+    def read_palette(self, texts: Sequence[str]) -> tuple[MaterialRef, ...]:
+        """Materials from the way in which they are written in the documents of frames."""
+        pictures = {str(material): material for material in self.pictures}
+        return tuple(pictures.get(text) or MaterialRef.parse(text) for text in texts)
 
     def iter_parts(self) -> Iterator[tuple[int, Vec3, Quat, PartSpec]]:
         """Every part with its instance id and the world pose of its owner."""
         for surface in self.surfaces:
-            yield surface.instance, (0.0, 0.0, 0.0), IDENTITY, surface.part
+            if surface.part is not None:
+                yield surface.instance, (0.0, 0.0, 0.0), IDENTITY, surface.part
         for obj in self.objects:
             for part in obj.parts:
                 yield obj.instance, obj.position, obj.orientation, part
@@ -186,6 +261,17 @@ class SceneSpec:
         return scene
 
 
-for _cls in (MaterialRef, MaterialSlot, PartSpec, ObjectSpec, SurfaceSpec, RoomSpec, DoorwaySpec, SceneSpec):
+for _cls in (
+    MaterialRef,
+    MaterialSlot,
+    PartSpec,
+    MeshSpec,
+    ModelRecord,
+    ObjectSpec,
+    SurfaceSpec,
+    RoomSpec,
+    DoorwaySpec,
+    SceneSpec,
+):
     _cls.__pydantic_config__ = ConfigDict(extra="forbid")  # pyright: ignore[reportAttributeAccessIssue]
 _ADAPTER = TypeAdapter(SceneSpec)

@@ -6,6 +6,7 @@ train, two with three floors to test) and the held-out texture ids are the paper
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from types import MappingProxyType
 
 import numpy as np
@@ -126,18 +127,45 @@ def texture_ids(category: str, split: Split) -> tuple[int, ...]:
 
 
 def sample_palette(
-    rng: np.random.Generator, slots: Sequence[MaterialSlot], split: Split
+    rng: np.random.Generator,
+    slots: Sequence[MaterialSlot],
+    split: Split,
+    pictures: Sequence[MaterialRef] = (),
 ) -> tuple[MaterialRef, ...]:
     """One material of ``split`` for every slot: a uniform category, then a uniform id within it.
+
+    Args:
+        rng: Draws them.
+        slots: What they are for.
+        split: Whose textures.
+        pictures: What to choose from; if there are none, the procedural textures.
 
     Source: iGibson 1.0 materials.py (uniform class, then uniform instance).
     """
     palette = []
     for slot in slots:
         category = slot.categories[rng.integers(len(slot.categories))]
-        ids = texture_ids(category, split)
-        palette.append(MaterialRef(category=category, id=ids[rng.integers(len(ids))]))
+        choices = _choices(category, split, tuple(pictures))
+        palette.append(choices[rng.integers(len(choices))])
     return tuple(palette)
+
+
+@lru_cache(maxsize=1024)
+def _choices(category: str, split: Split, pictures: tuple[MaterialRef, ...]) -> tuple[MaterialRef, ...]:
+    if not pictures:
+        return tuple(MaterialRef(category=category, id=i) for i in texture_ids(category, split))
+    return tuple(m for m in pictures if m.category == category and is_for(m, split))
+
+
+def is_for(material: MaterialRef, split: Split) -> bool:
+    """Whether ``split`` may show a material: held-out ids are for test, all others for training.
+
+    A category of pictures of which nothing is held out (Table 5 lists 22 of iGibson's 28) is for both.
+    """
+    if not material.picture:
+        return material.id in texture_ids(material.category, split)
+    held_out = HELD_OUT_TEXTURE_IDS.get(material.category, ())
+    return not held_out or (material.id in held_out) == (split == "test")
 
 
 def check_palette(scene: SceneSpec) -> None:
@@ -158,7 +186,11 @@ def check_palette(scene: SceneSpec) -> None:
                 f"scene {scene.name!r}: slot {slot.name!r} holds texture {material};"
                 f" allowed categories: {', '.join(slot.categories)}"
             )
-        if material.id not in texture_ids(material.category, scene.split):
+        if scene.pictures and material not in scene.pictures:
+            raise ValueError(
+                f"scene {scene.name!r}: slot {slot.name!r} holds texture {material}, none of its pictures"
+            )
+        if not is_for(material, scene.split):
             raise ValueError(
                 f"scene {scene.name!r}: slot {slot.name!r} holds texture {material},"
                 f" which is not for the {scene.split} split"

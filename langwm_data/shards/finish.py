@@ -2,7 +2,7 @@
 
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,7 @@ class Origin:
     renderer: str
     config: dict[str, Any]
     camera: CameraRecord
+    sources: dict[str, str] = field(default_factory=dict)
 
 
 def finish_dataset(folder: Path, records: Sequence[ShardRecord], origin: Origin) -> Manifest:
@@ -44,6 +45,7 @@ def finish_dataset(folder: Path, records: Sequence[ShardRecord], origin: Origin)
         fingerprint=origin.fingerprint,
         renderer=origin.renderer,
         config=origin.config,
+        sources=origin.sources,
         camera=origin.camera,
         categories=_counts(objects["category"]),
         category_ids=dict(CATEGORY_IDS),

@@ -6,7 +6,7 @@
 import dataclasses
 import json
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -21,7 +21,7 @@ CARD_FILE = "README.md"
 FRAMES_FILE = "index/frames.parquet"
 OBJECTS_FILE = "index/objects.parquet"
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 GENERATOR = f"langwm {__version__}"
 """What this program calls itself in the datasets that it makes."""
 SHARD_PATTERN = r"(train|test)/(train|test)-\d{6}\.tar"
@@ -68,9 +68,11 @@ class Manifest:
     generator: str
     """Program and version."""
     fingerprint: str
-    """SHA-256 over config, generator and renderer: equal fingerprints, equal shards."""
+    """SHA-256 over config, sources, generator and renderer: equal fingerprints, equal shards."""
     renderer: str
     config: dict[str, Any]
+    sources: dict[str, str] = field(default_factory=dict)
+    """SHA-256 of the files of others that scenes are made from, by field of ``config.scenes``."""
     camera: CameraRecord
     categories: dict[str, int]
     """Visible instances by category, over all frames."""

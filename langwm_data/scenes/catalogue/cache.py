@@ -14,10 +14,10 @@ from pathlib import Path
 
 from langwm_data import atomic
 from langwm_data.scenes.catalogue.catalogue import CatalogueModel
-from langwm_data.scenes.catalogue.decimate import decimate
 from langwm_data.scenes.catalogue.loading import load_mesh
-from langwm_data.scenes.catalogue.store import read_mesh, write_mesh
-from langwm_data.scenes.catalogue.triangles import TriangleMesh
+from langwm_data.scenes.meshes.decimate import decimate
+from langwm_data.scenes.meshes.store import read_mesh, write_mesh
+from langwm_data.scenes.meshes.triangles import TriangleMesh
 from langwm_data.scenes.spec import Vec3
 
 RECIPE = 1

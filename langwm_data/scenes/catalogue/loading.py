@@ -13,10 +13,10 @@ import numpy as np
 
 from langwm_data.scenes.catalogue.archive import Archive, open_archive
 from langwm_data.scenes.catalogue.catalogue import CatalogueModel
-from langwm_data.scenes.catalogue.images import texture_png
-from langwm_data.scenes.catalogue.mtl import MtlMaterial, parse_mtl
-from langwm_data.scenes.catalogue.obj import build_mesh, parse_obj
-from langwm_data.scenes.catalogue.triangles import Material, TriangleMesh
+from langwm_data.scenes.meshes.images import texture_png
+from langwm_data.scenes.meshes.mtl import MtlMaterial, parse_mtl
+from langwm_data.scenes.meshes.obj import build_mesh, parse_obj
+from langwm_data.scenes.meshes.triangles import Material, TriangleMesh
 
 TO_OURS = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
 """From the catalogues' axes: their x is the viewer's right, ours the piece's own."""

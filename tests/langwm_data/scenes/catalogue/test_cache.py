@@ -8,7 +8,7 @@ import pytest
 from langwm_data.scenes.catalogue import cache
 from langwm_data.scenes.catalogue.cache import max_error_m, ready_mesh
 from langwm_data.scenes.catalogue.catalogue import Catalogue
-from langwm_data.scenes.catalogue.store import read_mesh
+from langwm_data.scenes.meshes.store import read_mesh
 
 
 @pytest.fixture

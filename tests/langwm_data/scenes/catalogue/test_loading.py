@@ -4,7 +4,7 @@ import pytest
 
 from langwm_data.scenes.catalogue.catalogue import Catalogue
 from langwm_data.scenes.catalogue.loading import load_mesh
-from langwm_data.scenes.catalogue.normals import face_vectors
+from langwm_data.scenes.meshes.normals import face_vectors
 
 
 def load(folder):

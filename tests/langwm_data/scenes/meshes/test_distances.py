@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from langwm_data.scenes.catalogue.distances import to_segments, to_triangles
+from langwm_data.scenes.meshes.distances import to_segments, to_triangles
 
 
 def test_distances_to_triangles_are_those_of_trimesh():

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from langwm_data.scenes.catalogue import triangles as limits
-from langwm_data.scenes.catalogue.normals import face_vectors, smooth_normals
-from langwm_data.scenes.catalogue.polygons import triangulate
-from langwm_data.scenes.catalogue.triangles import Material, TriangleMesh, fault
+from langwm_data.scenes.meshes import triangles as limits
+from langwm_data.scenes.meshes.normals import face_vectors, smooth_normals
+from langwm_data.scenes.meshes.polygons import triangulate
+from langwm_data.scenes.meshes.triangles import Material, TriangleMesh, fault
 
 MAX_BYTES = 2**26
 """The largest file of the Debian catalogues has 8.8 million bytes."""

@@ -2,8 +2,8 @@ import cv2
 import numpy as np
 import pytest
 
-from langwm_data.scenes.catalogue import polygons
-from langwm_data.scenes.catalogue.polygons import triangulate
+from langwm_data.scenes.meshes import polygons
+from langwm_data.scenes.meshes.polygons import triangulate
 
 STAR = [(np.cos(a) * r, np.sin(a) * r) for a, r in zip(np.arange(10) * np.pi / 5, [100, 40] * 5, strict=True)]
 COMB = [(0, 0), (90, 0), (90, 60), (80, 60), (80, 10), (50, 10), (50, 60), (40, 60), (40, 10), (0, 10)]

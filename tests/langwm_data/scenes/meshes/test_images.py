@@ -5,8 +5,8 @@ import cv2
 import numpy as np
 import pytest
 
-from langwm_data.scenes.catalogue import images
-from langwm_data.scenes.catalogue.images import image_size, texture_png
+from langwm_data.scenes.meshes import images
+from langwm_data.scenes.meshes.images import image_size, texture_png
 
 
 def picture(height, width, channels=3, seed=0):

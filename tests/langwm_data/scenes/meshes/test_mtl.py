@@ -1,7 +1,7 @@
 import pytest
 
-from langwm_data.scenes.catalogue import mtl
-from langwm_data.scenes.catalogue.mtl import MtlMaterial, parse_mtl
+from langwm_data.scenes.meshes import mtl
+from langwm_data.scenes.meshes.mtl import MtlMaterial, parse_mtl
 
 TEXT = b"""
 # made by hand

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from langwm_data.scenes.catalogue.decimate import decimate
-from langwm_data.scenes.catalogue.normals import face_vectors
-from langwm_data.scenes.catalogue.triangles import Material, TriangleMesh, fault
+from langwm_data.scenes.meshes.decimate import decimate
+from langwm_data.scenes.meshes.normals import face_vectors
+from langwm_data.scenes.meshes.triangles import Material, TriangleMesh, fault
 
 GREY = Material(color=(0.5, 0.5, 0.5))
 ERROR_M = 0.005

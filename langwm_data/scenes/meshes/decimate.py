@@ -17,15 +17,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from langwm_data.scenes.catalogue.distances import to_segments, to_triangles
-from langwm_data.scenes.catalogue.normals import (
+from langwm_data.scenes.meshes.distances import to_segments, to_triangles
+from langwm_data.scenes.meshes.normals import (
     face_vectors,
     mean_normals,
     smooth_normals,
     welded,
 )
-from langwm_data.scenes.catalogue.obj import unique_columns
-from langwm_data.scenes.catalogue.triangles import TriangleMesh
+from langwm_data.scenes.meshes.obj import unique_columns
+from langwm_data.scenes.meshes.triangles import TriangleMesh
 from langwm_data.seeding import make_rng
 
 STAGES = (0.2, 0.5, 1.0)

@@ -6,9 +6,9 @@ import zipfile
 import numpy as np
 import pytest
 
-from langwm_data.scenes.catalogue import store, triangles
-from langwm_data.scenes.catalogue.store import decode_mesh, encode_mesh, mesh_path, read_mesh, write_mesh
-from langwm_data.scenes.catalogue.triangles import Material, TriangleMesh
+from langwm_data.scenes.meshes import store, triangles
+from langwm_data.scenes.meshes.store import decode_mesh, encode_mesh, mesh_path, read_mesh, write_mesh
+from langwm_data.scenes.meshes.triangles import Material, TriangleMesh
 
 
 @pytest.fixture

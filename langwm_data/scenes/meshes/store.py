@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from langwm_data import atomic
-from langwm_data.scenes.catalogue.triangles import MAX_MATERIALS, Material, TriangleMesh, fault
+from langwm_data.scenes.meshes.triangles import MAX_MATERIALS, Material, TriangleMesh, fault
 
 MAX_FILE_BYTES = 2**28
 

@@ -3,11 +3,11 @@ import time
 import numpy as np
 import pytest
 
-from langwm_data.scenes.catalogue import obj as obj_module
-from langwm_data.scenes.catalogue import triangles
-from langwm_data.scenes.catalogue.normals import face_vectors
-from langwm_data.scenes.catalogue.obj import build_mesh, parse_obj
-from langwm_data.scenes.catalogue.triangles import Material, TriangleMesh
+from langwm_data.scenes.meshes import obj as obj_module
+from langwm_data.scenes.meshes import triangles
+from langwm_data.scenes.meshes.normals import face_vectors
+from langwm_data.scenes.meshes.obj import build_mesh, parse_obj
+from langwm_data.scenes.meshes.triangles import Material, TriangleMesh
 
 CUBE = """
 mtllib my colours.mtl
