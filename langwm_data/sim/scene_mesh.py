@@ -76,15 +76,14 @@ class SceneMesh:
 
     def visible_triangles(self, camera: Camera) -> Ints:
         """(N, 3): triangles that turn towards the camera, of pieces that reach into its field of view."""
-        eye = np.append(camera.position, 1.0)
-        is_seen = np.repeat(self._pieces_in_view(camera), self.piece_triangles)
-        is_seen &= (self.planes @ eye > 0) | self.is_two_sided
-        return self.triangles[is_seen]
+        in_view = np.flatnonzero(np.repeat(self._pieces_in_view(camera), self.piece_triangles))
+        is_front = self.planes.take(in_view, axis=0) @ (*camera.position, 1.0) > 0
+        return self.triangles.take(in_view[is_front | self.is_two_sided[in_view]], axis=0)
 
     def _pieces_in_view(self, camera: Camera) -> NDArray[np.bool_]:
         normals, offsets = _frustum_planes(camera)
-        distance = self.piece_center @ normals.T + offsets
-        return np.all(distance + self.piece_half @ np.abs(normals).T > 0, axis=1)
+        distance = normals @ self.piece_center.T + offsets[:, None]
+        return np.all(distance + np.abs(normals) @ self.piece_half.T > 0, axis=0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
