@@ -179,16 +179,18 @@ def _outlines(solid: Solid, camera: Camera) -> tuple[Floats, Ints]:
     is_front = solid.planes @ pose[:, 3] > 0
     ends = (solid.ends - pose[:3, 3]) @ pose[:3, :3]
     is_near = ends[..., 2] < camera.near_m
-    is_cut = is_near[:, 0] != is_near[:, 1]
-    ends[is_cut] = _cut(ends[is_cut], is_near[is_cut], camera.near_m)
-    is_outline = (is_front[:, 0] != is_front[:, 1]) & ~is_near.all(axis=1)
+    cut = np.flatnonzero(is_near[:, 0] != is_near[:, 1])
+    ends[cut] = _cut(ends.take(cut, axis=0), is_near.take(cut, axis=0), camera.near_m)
+    is_outline = (is_front[:, 0] != is_front[:, 1]) & ~(is_near[:, 0] & is_near[:, 1])
+    outline = np.flatnonzero(is_outline)
     # A plane cuts two edges of each convex face that it cuts: sorted by face, they stand in pairs.
-    edge, side = np.nonzero(is_cut[:, None] & ~is_front)
-    edge = edge[np.argsort(solid.faces[edge, side], kind="stable")]
-    cuts = ends[edge, is_near[edge, 1].astype(int)].reshape(-1, 2, 3)
-    local = np.concatenate([ends[is_outline], cuts])
+    edge, side = np.nonzero(~is_front.take(cut, axis=0))
+    edge = cut.take(edge)
+    edge = edge.take(np.argsort(solid.faces[edge, side], kind="stable"))
+    cuts = ends[edge, is_near[edge, 1].astype(np.intp)].reshape(-1, 2, 3)
+    local = np.concatenate([ends.take(outline, axis=0), cuts])
     pixels = local[..., :2] / local[..., 2:] * camera.focal_px + (camera.width / 2, camera.height / 2)
-    return pixels, np.concatenate([solid.parts[is_outline], solid.parts[edge[::2]]])
+    return pixels, np.concatenate([solid.parts.take(outline), solid.parts.take(edge[::2])])
 
 
 def _cut(ends: Floats, is_near: Bools, near_m: float) -> Floats:
