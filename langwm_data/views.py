@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from langwm_data.config import CameraConfig, DatasetConfig
+from langwm_data.config import DatasetConfig
 from langwm_data.config_io import ConfigError
 from langwm_data.scenes.geometry import Boxes
 from langwm_data.scenes.navigation import RESOLUTION_M, FreeSpace
@@ -88,12 +88,14 @@ class Sights:
         """Whether the box of a part of anything else lies between ``eye`` and ``point``, each (3,)."""
         low, high = np.minimum(eye, point)[:, None], np.maximum(eye, point)[:, None]
         may_hide = ((self.reach[0] < high) & (self.reach[1] > low)).all(axis=0) & (self.owners != instance)
-        axes, half = self.boxes.axes[may_hide], self.boxes.half[may_hide]
-        start = np.einsum("nji,nj->ni", axes, eye - self.boxes.center[may_hide])
-        along = np.einsum("nji,j->ni", axes, point - eye)
+        near = np.flatnonzero(may_hide)
+        axes, half = self.boxes.axes.take(near, axis=0), self.boxes.half.take(near, axis=0)
+        start = ((eye - self.boxes.center.take(near, axis=0))[:, None] @ axes)[:, 0]
+        along = (point - eye) @ axes
         with np.errstate(divide="ignore", invalid="ignore"):
-            sides = np.stack([-half - start, half - start]) / along
-        enters, leaves = np.nanmax(sides.min(axis=0), axis=1), np.nanmin(sides.max(axis=0), axis=1)
+            one, other = (-half - start) / along, (half - start) / along
+        enters = np.fmax.reduce(np.minimum(one, other), axis=1)
+        leaves = np.fmin.reduce(np.maximum(one, other), axis=1)
         return bool((np.maximum(enters, 0.0) < np.minimum(leaves, 1.0)).any())
 
 
@@ -139,10 +141,10 @@ def draw_views(
 
 def sample_yaw(rng: np.random.Generator, sights: Sights, xy: XY, config: DatasetConfig) -> float | None:
     """A direction in which a random object is in sight, neither small nor close; nothing if there is none."""
-    aims, areas = _aims(sights, xy, config.camera)
-    is_fit = (areas >= _AREA_MARGIN * config.labels.min_area_fraction) & (areas <= _MAX_SHARE)
-    eye = np.array([*xy, config.camera.mount_height_m])
     camera = Camera.on_robot(config.camera, xy, 0.0)
+    aims, areas = _aims(sights, camera)
+    is_fit = (areas >= _AREA_MARGIN * config.labels.min_area_fraction) & (areas <= _MAX_SHARE)
+    eye = np.array(camera.position)
     for number in rng.permutation(np.flatnonzero(is_fit)):
         if not sights.is_hidden(eye, aims[number], int(sights.objects[number])):
             x, y = (aims[number] - eye)[:2].tolist()
@@ -151,18 +153,18 @@ def sample_yaw(rng: np.random.Generator, sights: Sights, xy: XY, config: Dataset
     return None
 
 
-def _aims(sights: Sights, xy: XY, config: CameraConfig) -> tuple[Floats, Floats]:
+def _aims(sights: Sights, camera: Camera) -> tuple[Floats, Floats]:
     """The middle (N, 3) of what the picture's height leaves of each object, and the share (N,) of the
     picture that a box of that size would cover if the camera faced it.
     """
-    camera = Camera.on_robot(config, xy, 0.0)
     low, high = sights.bounds[:, 0], sights.bounds[:, 1]
     aims, extent = (low + high) / 2, (high - low)
-    far_m = np.maximum(np.hypot(*(aims[:, :2] - xy).T), config.near_m)
+    x, y, mount_height_m = camera.position
+    far_m = np.maximum(np.hypot(aims[:, 0] - x, aims[:, 1] - y), camera.near_m)
     half_fov = 0.5 * camera.vertical_fov_rad
     steepest = math.radians(89)
     edges = np.clip([camera.pitch_rad - half_fov, camera.pitch_rad + half_fov], -steepest, steepest)
-    bottom, top = config.mount_height_m + far_m * np.tan(edges)[:, None]
+    bottom, top = mount_height_m + far_m * np.tan(edges)[:, None]
     bottom, top = np.maximum(bottom, low[:, 2]), np.minimum(top, high[:, 2])
     aims[:, 2] = (bottom + top) / 2
     px_per_m = camera.focal_px / far_m
