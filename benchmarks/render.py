@@ -4,8 +4,8 @@ Both draw the same views: those of a dataset that is rendered first, its floors,
 turn, as many rounds as are asked for:
 
 - `tiny`: PyBullet's getCameraImage and nothing else in two processes at once; loading is not timed;
-- `dataset`: render_dataset with two workers into an empty folder, by the clock, all of it, and from 40 to 90 %
-  of its frames, when every worker holds every floor;
+- `dataset`: render_dataset with two workers into an empty folder, by the clock, all of it, and from 40 to
+  90 % of its frames, when every worker holds every floor;
 - `bare`: rendering and PNG encoding alone in two processes at once, as `tiny`.
 
 Then the CPU time of one worker, stage by stage, and what each renderer draws on one core.
@@ -15,7 +15,6 @@ Then the CPU time of one worker, stage by stage, and what each renderer draws on
 
 import argparse
 import dataclasses
-import json
 import multiprocessing
 import os
 import shutil

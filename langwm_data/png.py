@@ -41,7 +41,7 @@ def encode_png(image: NDArray[Any]) -> bytes:
         (
             SIGNATURE,
             *_chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, bits, color_type, 0, 0, 0)),
-            *_chunk(b"IDAT", packer.compress(rows) + packer.flush()),
+            *_chunk(b"IDAT", packer.compress(rows.data) + packer.flush()),
             *_chunk(b"IEND", b""),
         )
     )

@@ -77,7 +77,7 @@ def _sources(faces: Faces, pixel: Indices, wanted: Faces) -> Indices:
     framed = np.full((height + 2, width + 2), -1, np.int32)
     framed[1:-1, 1:-1] = faces
     in_frame = pixel + 2 * (pixel // width) + width + 3
-    steps = (_NEIGHBOURS @ (width + 2, 1))[:, None]
-    is_there = framed.take(in_frame + steps) == wanted
+    row, column = _NEIGHBOURS.T[..., None]
+    is_there = framed.take(in_frame + row * (width + 2) + column) == wanted
     is_there[-1] = True
-    return pixel + (_NEIGHBOURS @ (width, 1))[is_there.argmax(axis=0)]
+    return pixel + (row * width + column).ravel()[is_there.argmax(axis=0)]

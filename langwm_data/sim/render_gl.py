@@ -136,8 +136,9 @@ def _read_quarters(targets: Targets, quarters: OpenQuarters, shape: tuple[int, .
     fine = np.empty((2 * height, 2 * width), np.float32)
     targets.quarters.read_into(fine, components=1, dtype="f4", alignment=1)
     first_of_pixel = 2 * quarters.pixel + 2 * width * (quarters.pixel // width)
-    step_to_quarter = (QUARTERS + 1) // 2 @ (2 * width, 1)
-    return fine.take(first_of_pixel + step_to_quarter.take(quarters.number)).astype(np.int32)
+    down, across = (QUARTERS.T + 1) // 2
+    step_to_quarter = (down * 2 * width + across)[quarters.number]
+    return fine.take(first_of_pixel + step_to_quarter).astype(np.int32)
 
 
 def _vertex_data(mesh: SceneMesh) -> NDArray[np.float32]:

@@ -78,7 +78,7 @@ class SceneMesh:
     """What may hide whole pieces."""
 
     def visible_triangles(self, camera: Camera) -> Ints:
-        """(N, 3): triangles that turn towards the camera, of pieces in its field of view that no wall hides."""
+        """(N, 3): triangles that turn towards the camera, of pieces in its view that no wall hides."""
         in_view = np.flatnonzero(np.repeat(self._pieces_in_view(camera), self.piece_triangles))
         is_front = self.planes.take(in_view, axis=0) @ (*camera.position, 1.0) > 0
         return self.triangles.take(in_view[is_front | self.is_two_sided[in_view]], axis=0)

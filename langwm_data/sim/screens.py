@@ -19,8 +19,8 @@ MIN_AREA_M2 = 0.3
 NUM_USED = 8
 """Those that fill most of a view; more of them hide hardly more."""
 _MARGIN = 1e-5
-"""What grazes the edge of a shadow counts as seen, however numbers are rounded. Metres, times the length of an
-edge and the distance to it."""
+"""What grazes the edge of a shadow counts as seen, however numbers are rounded. Metres, times the length of
+an edge and the distance to it."""
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -28,8 +28,9 @@ Bools = NDArray[np.bool_]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Screens:
-    """Rectangles inside solid walls, half way through them. A shadow is bounded by four planes through the eye
-    and an edge each, and by the rectangle's own.
+    """Rectangles inside solid walls, half way through them.
+
+    A shadow is bounded by four planes, each through the eye and an edge, and by the rectangle's own.
     """
 
     piece: NDArray[np.intp]
@@ -45,8 +46,8 @@ class Screens:
     fixed: Floats
     """(K, 4, 3)."""
     turning: Floats
-    """(K, 4, 3, 3): normals of the planes through an eye are fixed + turning @ eye. They point into the shadow
-    where the eye is on the side to which the rectangle's normal points, else out of it."""
+    """(K, 4, 3, 3): normals of the planes through an eye are fixed + turning @ eye. They point into the
+    shadow where the eye is on the side to which the rectangle's normal points, else out of it."""
 
     def hidden(self, camera: Camera, is_in_view: Bools, center: Floats, half: Floats) -> Bools:
         """Which boxes (N,) no pixel can show.
