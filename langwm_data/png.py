@@ -2,7 +2,7 @@
 
 Colour is stored as the difference of each row from the one above, packed by Huffman codes alone: in rendered
 rooms deflate's search for repetitions finds hardly any. Everything else is stored as it is and searched, at
-the quickest level: masks repeat themselves, and so does the depth of walls and floors. See ADR-0010.
+the quickest level: masks repeat themselves, and so does the depth of walls and floors. See ADR-0012.
 """
 
 import base64
