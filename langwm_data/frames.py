@@ -15,19 +15,21 @@ import numpy as np
 
 from langwm_data.baking import open_scenes
 from langwm_data.config import DatasetConfig
+from langwm_data.config_io import ConfigError
 from langwm_data.labels.amodal import AmodalExtent, SceneSolids, amodal_extents, scene_solids
 from langwm_data.labels.instances import ObjectLabel, label_frame
+from langwm_data.looks import Occasion, draw_lights, draw_palette, lights_occasion, palette_occasion
 from langwm_data.plan import FramePlan, ShardTask, plan_frame
 from langwm_data.scenes.assets import ASSETS_DIR, Assets
 from langwm_data.scenes.navigation import FreeSpace
 from langwm_data.scenes.spec import InstanceName, SceneSpec, Split
-from langwm_data.scenes.splits import check_palette, sample_palette
+from langwm_data.scenes.splits import check_palette
 from langwm_data.seeding import make_rng
 from langwm_data.shards.sample import Sample, to_metres, to_millimetres
 from langwm_data.shards.scenes import read_scene, write_scene
 from langwm_data.shards.writer import write_shard
 from langwm_data.sim.camera import Camera
-from langwm_data.sim.lights import Lights, sample_lights
+from langwm_data.sim.lights import Lights
 from langwm_data.sim.render import Frame, make_renderer
 from langwm_data.trajectories import Pose, simulate_trajectory
 from langwm_data.views import Sights, View, camera_space, draw_views
@@ -39,6 +41,8 @@ class BakeTask:
     """Build one floor, let its loose objects come to rest, and write it down."""
 
     scene: str
+    physics: str
+    """What they come to rest by, as the fingerprint says; see ``SceneLibrary.physics``."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,10 +56,6 @@ class Floor:
     table: dict[int, InstanceName]
     """By instance id."""
     solids: SceneSolids
-
-
-Occasion = tuple[str | int, ...]
-"""What a random choice was made for, as ``make_rng`` takes it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,6 +104,11 @@ class RenderWorker:
         """Do one task; ``report`` hears of every finished frame."""
         if isinstance(task, BakeTask):
             library = open_scenes(self._config.scenes)
+            if library.physics != task.physics:
+                raise ConfigError(
+                    f"scene {task.scene!r} would be settled by {library.physics} here;"
+                    f" all of its dataset must be by {task.physics}"
+                )
             scene = library.load(task.scene)
             library.assets.copy_to(self._folder / ASSETS_DIR, scene)
             write_scene(self._folder, scene)
@@ -159,11 +164,8 @@ class RenderWorker:
 
     def _show(self, plan: FramePlan) -> Look:
         """Have the renderer hold this frame's scene, in its materials and lights."""
-        randomize = self._config.randomize
-        occasions = (
-            _occasion(plan, "palette", randomize.palette),
-            _occasion(plan, "lights", randomize.lights),
-        )
+        config, number = self._config, plan.number
+        occasions = palette_occasion(config, plan.split, number), lights_occasion(config, plan.split, number)
         shown = self._shown
         if shown is None or (shown.scene.name, shown.occasions) != (plan.scene, occasions):
             scene = self._draw_scene(plan, occasions[0])
@@ -171,10 +173,8 @@ class RenderWorker:
                 self._renderer.set_palette(scene.palette)
             else:
                 self._renderer.load(scene)
-            lights = Lights.of(self._config.render.lights)
-            if randomize.lights != "fixed":
-                rng = make_rng(self._config.seed, *occasions[1])
-                lights = sample_lights(rng, self._config.render.lights, randomize)
+            lights = draw_lights(config, occasions[1])
+            if config.randomize.lights != "fixed":
                 self._renderer.set_lights(lights)
             described = describe_look(scene, plan.split, lights)
             self._shown = shown = Look(occasions=occasions, scene=scene, described=described)
@@ -182,8 +182,7 @@ class RenderWorker:
 
     def _draw_scene(self, plan: FramePlan, occasion: Occasion) -> SceneSpec:
         scene = self._floor(plan.scene).scene
-        rng = make_rng(self._config.seed, *occasion)
-        scene = scene.with_palette(sample_palette(rng, scene.slots, plan.split, scene.pictures))
+        scene = scene.with_palette(draw_palette(self._config, occasion, scene, plan.split))
         check_palette(scene)
         return scene
 
@@ -216,13 +215,6 @@ def _assemble(plan: FramePlan, look: Look, shot: Shot, objects: list[dict[str, A
         },
         caption=largest["captions"][0]["text"] if largest else "",
     )
-
-
-def _occasion(plan: FramePlan, what: str, every: str) -> Occasion:
-    """What a choice made for ``every`` block or frame is made for; for all frames where it is fixed."""
-    if every == "frame":
-        return (what, "frame", plan.split, plan.number)
-    return (what, plan.split, plan.block) if every == "block" else (what,)
 
 
 def describe_look(scene: SceneSpec, split: Split, lights: Lights) -> dict[str, Any]:

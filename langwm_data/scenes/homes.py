@@ -60,6 +60,8 @@ def scene_names(split: Split | None = None) -> tuple[str, ...]:
 class Homes:
     """The procedural homes of one seed as a source of scenes."""
 
+    is_at_rest = False
+
     def __init__(self, seed: int) -> None:
         self.assets = NO_ASSETS
         self.identity: Mapping[str, str] = {}

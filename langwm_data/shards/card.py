@@ -68,7 +68,7 @@ wrong where their lists happen to be empty."""
 _BODY = """
 # {title}
 
-{frames} rendered views of furnished homes, made by {generator} with the `{renderer}` renderer: colour,
+{frames} rendered views of {subject}, made by {generator} with the `{renderer}` renderer: colour,
 metric depth, instance masks, and sentences that say which object lies in which direction and how far away.
 Floors and texture ids of the test split do not occur in the training split.
 
@@ -134,9 +134,18 @@ Pillow's mode `I;16`).
 
 ## Licence
 
-Homes, furniture and textures are procedural, made by the generator itself; no third-party assets are
-in these files. They may be used under the generator's licence, Apache-2.0.
+{licence}
 """
+
+_OWN_LICENCE = """\
+Homes, furniture and textures are procedural, made by the generator itself; no third-party assets are
+in these files. They may be used under the generator's licence, Apache-2.0."""
+
+_IGIBSON_LICENCE = """\
+**Not to be passed on.** These views show scenes, object models and materials of the iGibson 1.0 dataset
+(Stanford Vision and Learning Lab; models partly after ShapeNet and PartNet-Mobility), and `assets/` holds
+meshes and pictures made from its files. Who has that dataset has accepted its licence, which forbids to
+redistribute it: keep these files where that licence lets you keep the iGibson dataset."""
 
 
 def write_card(folder: Path, manifest: Manifest) -> None:
@@ -147,8 +156,8 @@ def write_card(folder: Path, manifest: Manifest) -> None:
 def _head(manifest: Manifest) -> str:
     files = [{"split": split, "path": f"{split}/*.tar"} for split in manifest.splits]
     head = {
-        "pretty_name": "LanGWM homes",
-        "license": "apache-2.0",
+        "pretty_name": _title(manifest),
+        **_licence_tags(manifest),
         "language": ["en"],
         "task_categories": ["depth-estimation", "image-to-text"],
         "tags": ["webdataset", "embodied-ai", "synthetic"],
@@ -162,7 +171,9 @@ def _head(manifest: Manifest) -> str:
 def _body(manifest: Manifest) -> str:
     splits = [f"| {name} | {split.frames} | {len(split.scenes)} |" for name, split in manifest.splits.items()]
     return _BODY.format(
-        title="LanGWM homes",
+        title=_title(manifest),
+        subject="furnished scenes of iGibson 1.0" if _is_igibson(manifest) else "furnished homes",
+        licence=_IGIBSON_LICENCE if _is_igibson(manifest) else _OWN_LICENCE,
         frames=manifest.frames,
         generator=manifest.generator,
         renderer=manifest.renderer,
@@ -173,6 +184,21 @@ def _body(manifest: Manifest) -> str:
         height=manifest.camera.height,
         width=manifest.camera.width,
     )
+
+
+def _is_igibson(manifest: Manifest) -> bool:
+    return "igibson" in manifest.sources
+
+
+def _title(manifest: Manifest) -> str:
+    return "LanGWM views of iGibson 1.0" if _is_igibson(manifest) else "LanGWM homes"
+
+
+def _licence_tags(manifest: Manifest) -> dict[str, str]:
+    """As Hugging Face reads them."""
+    if _is_igibson(manifest):
+        return {"license": "other", "license_name": "igibson-1.0-dataset"}
+    return {"license": "apache-2.0"}
 
 
 def _as_list(features: Mapping[str, Any]) -> list[dict[str, Any]]:
