@@ -1,7 +1,7 @@
 """The one place that writes PNG: colour in RGB order, gray and ids as they are.
 
 Rows are stored without filters and packed at the quickest level: 2 % more bytes than level 2 on rendered
-rooms, and pixels without filters are read back at once. See ADR-0012.
+rooms, and pixels without filters are read back at once. See ADR-0014.
 """
 
 import base64
