@@ -28,6 +28,8 @@ _MAX_SHARE = 0.5
 """And at most this share of the picture: closer, there is nothing but the object to be seen."""
 _MIDDLE = 0.9
 """The object's middle comes to lie anywhere in this share of the picture's width."""
+_AT_ONCE = 4
+"""Objects of which it is asked together whether they are in sight: mostly one of them is."""
 _SLACK_M = np.array([-1e-6, 1e-6])[:, None, None]
 """Far more than rounding errors: what is looked at only because of it is found not to be in the way."""
 
@@ -84,19 +86,25 @@ class Sights:
             owners=owners,
         )
 
-    def is_hidden(self, eye: Floats, point: Floats, instance: int) -> bool:
-        """Whether the box of a part of anything else lies between ``eye`` and ``point``, each (3,)."""
-        low, high = np.minimum(eye, point)[:, None], np.maximum(eye, point)[:, None]
-        may_hide = ((self.reach[0] < high) & (self.reach[1] > low)).all(axis=0) & (self.owners != instance)
-        near = np.flatnonzero(may_hide)
-        axes, half = self.boxes.axes.take(near, axis=0), self.boxes.half.take(near, axis=0)
-        start = ((eye - self.boxes.center.take(near, axis=0))[:, None] @ axes)[:, 0]
-        along = (point - eye) @ axes
+    def hidden(self, eye: Floats, points: Floats, instances: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Whether the box of a part of anything else lies between ``eye`` (3,) and each point (N, 3) of
+        an instance (N,).
+        """
+        low, high = np.minimum(eye, points)[..., None], np.maximum(eye, points)[..., None]
+        may_hide = self.owners != instances[:, None]
+        for axis in range(3):
+            may_hide &= self.reach[0, axis] < high[:, axis]
+            may_hide &= self.reach[1, axis] > low[:, axis]
+        line, box = np.nonzero(may_hide)
+        axes, half = self.boxes.axes.take(box, axis=0), self.boxes.half.take(box, axis=0)
+        start = ((eye - self.boxes.center.take(box, axis=0))[:, None] @ axes)[:, 0]
+        along = ((points - eye).take(line, axis=0)[:, None] @ axes)[:, 0]
         with np.errstate(divide="ignore", invalid="ignore"):
             one, other = (-half - start) / along, (half - start) / along
         enters = np.fmax.reduce(np.minimum(one, other), axis=1)
         leaves = np.fmin.reduce(np.maximum(one, other), axis=1)
-        return bool((np.maximum(enters, 0.0) < np.minimum(leaves, 1.0)).any())
+        is_between = np.maximum(enters, 0.0) < np.minimum(leaves, 1.0)
+        return np.bincount(line[is_between], minlength=len(points)) > 0
 
 
 def camera_space(scene: SceneSpec, config: DatasetConfig) -> FreeSpace:
@@ -145,9 +153,11 @@ def sample_yaw(rng: np.random.Generator, sights: Sights, xy: XY, config: Dataset
     aims, areas = _aims(sights, camera)
     is_fit = (areas >= _AREA_MARGIN * config.labels.min_area_fraction) & (areas <= _MAX_SHARE)
     eye = np.array(camera.position)
-    for number in rng.permutation(np.flatnonzero(is_fit)):
-        if not sights.is_hidden(eye, aims[number], int(sights.objects[number])):
-            x, y = (aims[number] - eye)[:2].tolist()
+    order = rng.permutation(np.flatnonzero(is_fit))
+    for some in (order[i : i + _AT_ONCE] for i in range(0, len(order), _AT_ONCE)):
+        in_sight = some[~sights.hidden(eye, aims[some], sights.objects[some])]
+        if len(in_sight):
+            x, y = (aims[in_sight[0]] - eye)[:2].tolist()
             across_px = rng.uniform(-0.5, 0.5) * _MIDDLE * camera.width
             return math.remainder(math.atan2(y, x) + math.atan2(across_px, camera.focal_px), 2 * math.pi)
     return None

@@ -28,15 +28,28 @@ def first_views(scene, config, number):
     return [next(draw_views(rng, space, sights, config, scene.name)) for rng in rngs]
 
 
+def is_hidden(sights, eye, point, instance):
+    return bool(sights.hidden(np.array(eye), np.array([point]), np.array([instance]))[0])
+
+
 def test_what_a_wall_hides_is_not_in_sight(sights):
-    eye = np.array([3.0, 0.5, 0.3])
-    cabinet = np.array([5.85, 1.5, 0.6])
-    assert sights.is_hidden(eye, cabinet, 33)  # behind the wall, the door is farther up
-    assert not sights.is_hidden(np.array([3.0, 1.45, 0.3]), cabinet, 33)
+    cabinet = (5.85, 1.5, 0.6)
+    assert is_hidden(sights, (3.0, 0.5, 0.3), cabinet, 33)  # behind the wall, the door is farther up
+    assert not is_hidden(sights, (3.0, 1.45, 0.3), cabinet, 33)
 
 
 def test_an_object_does_not_hide_itself(sights):
-    assert not sights.is_hidden(np.array([2.2, 1.9, 0.3]), np.array([2.2, 0.9, 0.2]), 31)
+    assert not is_hidden(sights, (2.2, 1.9, 0.3), (2.2, 0.9, 0.2), 31)
+
+
+def test_what_is_in_sight_does_not_depend_on_what_else_is_asked_for(sights):
+    rng = np.random.default_rng(0)
+    eye, aims = np.array([3.0, 0.5, 0.3]), rng.uniform((0, 0, 0), (6, 3, 2), (200, 3))
+    instances = rng.choice(sights.objects, 200)
+    together = sights.hidden(eye, aims, instances)
+    assert 0 < together.sum() < 200
+    alone = [is_hidden(sights, eye, *pair) for pair in zip(aims, instances, strict=True)]
+    np.testing.assert_array_equal(together, alone)
 
 
 @pytest.mark.parametrize("xy", [STUDY, HALL])
