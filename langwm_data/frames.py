@@ -65,7 +65,8 @@ class Look:
     occasions: tuple[Occasion, Occasion]
     """Those of materials and of lights."""
     scene: SceneSpec
-    lights: Lights
+    described: dict[str, Any]
+    """Scene, materials and lights as they stand in the JSON of every sample that shows them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,7 +176,8 @@ class RenderWorker:
             lights = draw_lights(config, occasions[1])
             if config.randomize.lights != "fixed":
                 self._renderer.set_lights(lights)
-            self._shown = shown = Look(occasions=occasions, scene=scene, lights=lights)
+            described = describe_look(scene, plan.split, lights)
+            self._shown = shown = Look(occasions=occasions, scene=scene, described=described)
         return shown
 
     def _draw_scene(self, plan: FramePlan, occasion: Occasion) -> SceneSpec:
@@ -206,18 +208,25 @@ def _assemble(plan: FramePlan, look: Look, shot: Shot, objects: list[dict[str, A
         depth=shot.frame.depth,
         instance=shot.frame.instance,
         meta={
-            "scene": look.scene.name,
-            "building": look.scene.building,
-            "floor": look.scene.floor,
-            "split": plan.split,
-            "palette": [str(material) for material in look.scene.palette],
-            "lights": look.lights.describe(),
+            **look.described,
             **describe_view(shot.view),
             "camera": describe_camera(shot.camera),
             "objects": objects,
         },
         caption=largest["captions"][0]["text"] if largest else "",
     )
+
+
+def describe_look(scene: SceneSpec, split: Split, lights: Lights) -> dict[str, Any]:
+    """Where a sample was taken, in which materials and lights, as it stands in its JSON."""
+    return {
+        "scene": scene.name,
+        "building": scene.building,
+        "floor": scene.floor,
+        "split": split,
+        "palette": [str(material) for material in scene.palette],
+        "lights": lights.describe(),
+    }
 
 
 def describe_view(view: View) -> dict[str, Any]:
