@@ -78,7 +78,7 @@ def _source(config: ScenesConfig, baked: Manifest | None) -> SceneSource:
     is_named = config.furniture is not None or config.igibson is not None
     if baked is not None and baked.sources and not is_named:
         return _OnlyBaked(baked)
-    return Homes(config.seed)
+    return Homes(config.seed, None if config.furniture is None else Path(config.furniture))
 
 
 @lru_cache(maxsize=64)

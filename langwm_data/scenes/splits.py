@@ -6,6 +6,7 @@ train, two with three floors to test) and the held-out texture ids are the paper
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from types import MappingProxyType
 
 import numpy as np

@@ -52,8 +52,8 @@ def dress_windows(plan: FloorPlan, state: RoomState) -> None:
         if state.room.kind not in ("bathroom", "storage_room", "kitchen") and state.coin(0.8):
             _hang_curtains(state, opening, wall, middle)
         if opening.z[0] > 0.75 and state.room.kind != "kitchen" and state.coin(0.6):
-            model = state.style.models(state.rng, "radiator")[0]
-            state.add(state.against(model, wall, middle, gap=WALL_GAP, z=0.0))
+            models = state.style.first_choices(state.rng, "radiator")
+            any(state.add(state.against(model, wall, middle, gap=WALL_GAP, z=0.0)) for model in models)
 
 
 def wall_of(opening: Opening, state: RoomState) -> Wall:

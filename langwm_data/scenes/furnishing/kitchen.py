@@ -42,7 +42,7 @@ def furnish_kitchen(state: RoomState, *, has_dining: bool) -> None:
         put_some_on(state, top, ("bottle", "bowl", "cup", "vase", "cooking_pot"), 1)
     for stove in state.of_category("stove"):
         if state.coin(0.8):
-            put_at(state, stove, "cooking_pot", HOTPLATES[state.rng.integers(len(HOTPLATES))])
+            _put_pot(state, stove)
     if has_dining or state.coin(0.4):
         put_dining_group(state, prefer_center=False, max_width=9.9 if has_dining else 1.3)
     state.put_at_wall("trash_can", prefer="corner")
@@ -67,6 +67,7 @@ def _put_counters(state: RoomState) -> list[Placement]:
         models = [state.style.models(state.rng, category)[0] for category in _sequence(state, num)]
         if has_fridge:
             models.insert(0 if state.coin(0.5) else num, fridge)
+        _shorten(models, length - 0.02)
         row = _in_a_row(state, models, wall, low + 0.01)
         units = [p for p in row if p.model is not fridge]
         if state.add(*row) or state.add(*units):
@@ -74,6 +75,21 @@ def _put_counters(state: RoomState) -> list[Placement]:
                 state.keep_front_free(unit, COUNTER_FRONT_M)
             return units
     return []
+
+
+def _put_pot(state: RoomState, stove: Placement) -> None:
+    """A pot on a hotplate; where they are is known of our own stoves only."""
+    if stove.model.mesh is None:
+        put_at(state, stove, "cooking_pot", HOTPLATES[state.rng.integers(len(HOTPLATES))])
+    else:
+        put_on(state, stove, "cooking_pot")
+
+
+def _shorten(models: list[Model], length: float) -> None:
+    """Leave out cupboards, last ones first, until a row is no longer than its wall."""
+    for i in reversed(range(len(models))):
+        if sum(m.size[0] for m in models) > length + 1e-6 and models[i].category == "kitchen_cabinet":
+            del models[i]
 
 
 def _in_a_row(state: RoomState, models: Sequence[Model], wall: Wall, start: float) -> list[Placement]:
@@ -115,7 +131,8 @@ def _sequence(state: RoomState, num: int) -> list[str]:
 def _hang_above(state: RoomState, unit: Placement) -> None:
     """A hood over the stove, cupboards over the rest."""
     is_stove = unit.model.category == "stove"
-    model = state.style.models(state.rng, "range_hood" if is_stove else "wall_cabinet")[0]
-    y = (model.size[1] - unit.model.size[1]) / 2
-    z = HOOD_Z if is_stove else WALL_CABINET_Z
-    state.add(state.stand(model, unit.local(0.0, y), unit.yaw_rad, z=z))
+    for model in state.style.first_choices(state.rng, "range_hood" if is_stove else "wall_cabinet"):
+        y = (model.size[1] - unit.model.size[1]) / 2
+        z = HOOD_Z if is_stove else WALL_CABINET_Z
+        if state.add(state.stand(model, unit.local(0.0, y), unit.yaw_rad, z=z)):
+            return

@@ -33,6 +33,8 @@ PASSAGE_RADIUS = 0.26
 FLAT_M = 0.02
 """What is lower, such as a rug, is walked and driven over."""
 _CELL = 0.1
+_REST_M = 0.004
+"""How deep what lies on a piece may reach into it before it settles."""
 _TUCKS = {("chair", "dining_table"), ("chair", "desk"), ("office_chair", "desk")}
 """Pairs of which the first may stand under the second; their parts decide."""
 _ROW = {"kitchen_cabinet", "kitchen_sink", "stove", "dishwasher", "fridge", "wall_cabinet", "range_hood"}
@@ -48,6 +50,8 @@ class Placement:
     position: Vec3
     yaw_rad: float = 0.0
     is_fixed: bool = True
+    support: "Placement | None" = None
+    """What it lies on, if its solids may be within the bounds of that."""
 
     @property
     def orientation(self) -> Quat:
@@ -79,6 +83,12 @@ class Placement:
     def top(self) -> float:
         """Height of its highest point."""
         return float(self.bounds[1, 2])
+
+    @property
+    def surface(self) -> float:
+        """Height at which things are put on it."""
+        height = self.model.size[2] if self.model.top is None else self.model.top.height
+        return round(self.position[2] + height, 6)
 
     def local(self, x: float, y: float) -> tuple[float, float]:
         """A point of the model's own frame in the world."""
@@ -144,11 +154,18 @@ class RoomState:
         return [p for p in self.placements if p.model.category == category]
 
     def stand(
-        self, model: Model, xy: tuple[float, float], yaw_rad: float = 0.0, *, z: float = 0.0
+        self,
+        model: Model,
+        xy: tuple[float, float],
+        yaw_rad: float = 0.0,
+        *,
+        z: float = 0.0,
+        on: Placement | None = None,
     ) -> Placement:
-        """A placement in this room, not yet added."""
+        """A placement in this room, not yet added: at a height, or on another piece."""
+        z = (z if on is None else on.surface) + model.elevation_m
         position = (round(xy[0], 4), round(xy[1], 4), round(z, 4))
-        return Placement(model=model, room=self.room.name, position=position, yaw_rad=yaw_rad)
+        return Placement(model=model, room=self.room.name, position=position, yaw_rad=yaw_rad, support=on)
 
     def wall_span(self, wall: Wall) -> tuple[float, float]:
         """From where to where a wall runs, along x or y."""
@@ -189,6 +206,8 @@ class RoomState:
         e = 1e-5
         if new.bounds[0, 2] >= other.top - e or other.bounds[0, 2] >= new.top - e:
             return False
+        if new.support is other:
+            return bool(new.boxes.overlap(other.boxes, tolerance_m=_REST_M).any())
         if (new.model.category, other.model.category) in _TUCKS:
             return bool(new.boxes.overlap(other.boxes, tolerance_m=-0.004).any())
         gap = 0.0 if {new.model.category, other.model.category} <= _ROW else GAP

@@ -74,9 +74,10 @@ def _put_bed(state: RoomState) -> Placement | None:
 
 def _put_at_foot_end(state: RoomState, bed: Placement) -> None:
     if state.coin(0.35):
-        model = state.style.models(state.rng, "chest" if state.coin(0.5) else "bench")[0]
-        at = bed.local(0.0, (bed.model.size[1] + model.size[1]) / 2 + 0.05)
-        state.add(state.stand(model, at, bed.yaw_rad))
+        for model in state.style.first_choices(state.rng, "chest" if state.coin(0.5) else "bench"):
+            at = bed.local(0.0, (bed.model.size[1] + model.size[1]) / 2 + 0.05)
+            if state.add(state.stand(model, at, bed.yaw_rad)):
+                break
     if state.coin(0.7):
         for side in (-1, 1):
             at = bed.local(side * (bed.model.size[0] / 2 + 0.42), 0.35)
@@ -136,9 +137,9 @@ def put_work_place(state: RoomState) -> Placement | None:
         return None
     d = desk.model.size[1]
     screen = state.style.models(state.rng, "monitor")[0]
-    state.add(state.stand(screen, desk.local(0.0, -d / 2 + 0.14), desk.yaw_rad, z=desk.top), zones=())
+    state.add(state.stand(screen, desk.local(0.0, -d / 2 + 0.14), desk.yaw_rad, on=desk), zones=())
     keys = state.style.models(state.rng, "keyboard")[0]
-    state.add(state.stand(keys, desk.local(0.0, d / 2 - 0.16), desk.yaw_rad, z=desk.top), zones=())
+    state.add(state.stand(keys, desk.local(0.0, d / 2 - 0.16), desk.yaw_rad, on=desk), zones=())
     category = "office_chair" if state.coin(0.75) else "chair"
     for model in state.style.models(state.rng, category):
         for x in (0.0, 0.12, -0.12):

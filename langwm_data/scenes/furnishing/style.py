@@ -1,10 +1,11 @@
 """What the floors of one building have in common: height, fullness, and which models it uses."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from langwm_data.scenes.catalogue.offer import Offer
 from langwm_data.scenes.furniture import Model, build_model, model_names
 from langwm_data.scenes.taxonomy import CATEGORIES
 from langwm_data.seeding import make_rng
@@ -21,20 +22,31 @@ class HomeStyle:
     min_free_fraction: float
     """Least part of a room where the robot's centre can be."""
     variants: Mapping[str, tuple[str, ...]]
-    """Models that this building has of each category."""
+    """Procedural models that this building has of each category."""
+    offer: Offer | None = None
+    """Its models of catalogues, if it has any."""
 
     def models(self, rng: np.random.Generator, category: str) -> list[Model]:
-        """The building's models of a category, in random order."""
+        """The building's models of a category, in random order, those of catalogues first."""
         names = self.variants[category]
-        return [build_model(names[i]) for i in rng.permutation(len(names))]
+        own = [build_model(names[i]) for i in rng.permutation(len(names))]
+        others = self._others(category)
+        return [others[i] for i in rng.permutation(len(others))] + own if others else own
+
+    def first_choices(self, rng: np.random.Generator, category: str) -> list[Model]:
+        """Models to try for a piece that the room can do without: of catalogues, then one procedural."""
+        return self.models(rng, category)[: len(self._others(category)) + 1]
 
     def is_loose(self, category: str) -> bool:
         """Whether physics lays the pieces of a category down."""
         return CATEGORIES[category].is_loose
 
+    def _others(self, category: str) -> Sequence[Model]:
+        return () if self.offer is None else self.offer.models(category)
 
-def sample_style(seed: int, building: str) -> HomeStyle:
-    """The style of a building under a seed."""
+
+def sample_style(seed: int, building: str, offer: Offer | None = None) -> HomeStyle:
+    """The style of a building under a seed, with the models of catalogues that it is offered."""
     rng = make_rng(seed, "style", building)
     variants = {}
     for category in CATEGORIES:
@@ -46,4 +58,5 @@ def sample_style(seed: int, building: str) -> HomeStyle:
         density=round(float(rng.uniform(0.6, 0.95)), 2),
         min_free_fraction=round(float(rng.uniform(0.12, 0.2)), 2),
         variants=variants,
+        offer=offer,
     )
