@@ -26,7 +26,7 @@ from langwm_data import atomic
 from langwm_data.shards.sample import to_metres
 from pretrain.batch import FrameBatch, FrameObject
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +88,8 @@ class _Entry:
     path: Path
     length: int
     is_terminal: bool
-    categories: tuple[str, ...]
+    names: tuple[tuple[str, str], ...]
+    """Category and noun of the objects seen in it."""
 
 
 class Replay:
@@ -198,7 +199,7 @@ def _write_episode(path: Path, episode: ReplayEpisode) -> _Entry:
     lengths = {len(a) for a in (episode.rgb, episode.depth_mm, episode.task, episode.action, episode.objects)}
     assert lengths == {length}, f"columns of unequal length: {lengths} and {length}"
     flat = [o for frame in episode.objects for o in frame]
-    categories = tuple(sorted({o.category for o in flat}))
+    names = tuple(sorted({(o.category, o.phrase) for o in flat}))
     tensors = {
         "rgb": episode.rgb,
         "depth_mm": episode.depth_mm,
@@ -206,16 +207,16 @@ def _write_episode(path: Path, episode: ReplayEpisode) -> _Entry:
         "action": episode.action,
         "reward": episode.reward,
         "object_offset": np.cumsum([0, *map(len, episode.objects)], dtype=np.int64),
-        "object_category": np.array([categories.index(o.category) for o in flat], np.int64),
+        "object_name": np.array([names.index((o.category, o.phrase)) for o in flat], np.int64),
         "object_box": np.array([o.bbox_xyxy for o in flat], np.float64).reshape(-1, 4),
         "object_center_x": np.array([o.center_x for o in flat], np.float64),
         "object_distance_m": np.array([o.distance_m for o in flat], np.float64),
     }
-    header = {"schema_version": SCHEMA_VERSION, "is_terminal": episode.is_terminal, "categories": categories}
+    header = {"schema_version": SCHEMA_VERSION, "is_terminal": episode.is_terminal, "names": names}
     with atomic.atomic_path(path) as temporary:
         contiguous = {k: np.ascontiguousarray(v) for k, v in tensors.items()}
         save_file(contiguous, temporary, metadata={"replay": json.dumps(header)})
-    return _Entry(path, length, episode.is_terminal, categories)
+    return _Entry(path, length, episode.is_terminal, names)
 
 
 def _read_entry(path: Path) -> _Entry:
@@ -229,7 +230,9 @@ def _read_entry(path: Path) -> _Entry:
         ) from error
     if header["schema_version"] != SCHEMA_VERSION:
         raise ValueError(f"{path} has schema version {header['schema_version']}; known: {SCHEMA_VERSION}")
-    return _Entry(path, length, header["is_terminal"], tuple(header["categories"]))
+    return _Entry(
+        path, length, header["is_terminal"], tuple((category, noun) for category, noun in header["names"])
+    )
 
 
 def _read_chunk(entry: _Entry, start: int, stop: int) -> dict[str, Any]:
@@ -241,11 +244,17 @@ def _read_chunk(entry: _Entry, start: int, stop: int) -> dict[str, Any]:
         offset = file.get_slice("object_offset")[start : stop + 1]
         columns = [
             file.get_tensor(f"object_{k}")[offset[0] : offset[-1]].tolist()
-            for k in ("category", "box", "center_x", "distance_m")
+            for k in ("name", "box", "center_x", "distance_m")
         ]
     flat = [
-        FrameObject(category=entry.categories[c], bbox_xyxy=tuple(box), center_x=x, distance_m=d)
-        for c, box, x, d in zip(*columns, strict=True)
+        FrameObject(
+            category=entry.names[n][0],
+            phrase=entry.names[n][1],
+            bbox_xyxy=tuple(box),
+            center_x=x,
+            distance_m=d,
+        )
+        for n, box, x, d in zip(*columns, strict=True)
     ]
     is_last = steps == entry.length - 1
     return chunk | {

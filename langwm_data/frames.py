@@ -13,13 +13,14 @@ from typing import Any, Self
 
 import numpy as np
 
-from langwm_data.baking import load_home
+from langwm_data.baking import open_scenes
 from langwm_data.config import DatasetConfig
-from langwm_data.labels.amodal import AmodalExtent, Solid, amodal_extents, scene_solids
+from langwm_data.labels.amodal import AmodalExtent, SceneSolids, amodal_extents, scene_solids
 from langwm_data.labels.instances import ObjectLabel, label_frame
 from langwm_data.plan import FramePlan, ShardTask, plan_frame
+from langwm_data.scenes.assets import ASSETS_DIR, Assets
 from langwm_data.scenes.navigation import FreeSpace
-from langwm_data.scenes.spec import SceneSpec, Split
+from langwm_data.scenes.spec import InstanceName, SceneSpec, Split
 from langwm_data.scenes.splits import check_palette, sample_palette
 from langwm_data.seeding import make_rng
 from langwm_data.shards.sample import Sample, to_metres, to_millimetres
@@ -48,10 +49,9 @@ class Floor:
     free: FreeSpace
     """Where the camera may be."""
     sights: Sights
-    table: dict[int, tuple[str, str]]
-    """Instance id to category and model."""
-    solids: dict[int, Solid]
+    table: dict[int, InstanceName]
     """By instance id."""
+    solids: SceneSolids
 
 
 Occasion = tuple[str | int, ...]
@@ -84,13 +84,14 @@ class RenderWorker:
     def __init__(self, config: DatasetConfig, folder: Path) -> None:
         self._config = config
         self._folder = folder
+        self._assets = Assets(folder / ASSETS_DIR)
         self._floors: dict[str, Floor] = {}
         self._shown: Look | None = None
         self._drive: tuple[Split, int, list[Pose]] | None = None
         """Split, number and poses of the last trajectory: its frames mostly come one after the other."""
 
     def __enter__(self) -> Self:
-        self._renderer = make_renderer(self._config.render)
+        self._renderer = make_renderer(self._config.render, self._assets)
         return self
 
     def __exit__(
@@ -101,7 +102,10 @@ class RenderWorker:
     def __call__(self, task: BakeTask | ShardTask, report: Report) -> None:
         """Do one task; ``report`` hears of every finished frame."""
         if isinstance(task, BakeTask):
-            write_scene(self._folder, load_home(task.scene, self._config.scenes))
+            library = open_scenes(self._config.scenes)
+            scene = library.load(task.scene)
+            library.assets.copy_to(self._folder / ASSETS_DIR, scene)
+            write_scene(self._folder, scene)
         else:
             write_shard(self._folder, task.split, task.number, self._samples(task, report))
 
@@ -177,7 +181,7 @@ class RenderWorker:
     def _draw_scene(self, plan: FramePlan, occasion: Occasion) -> SceneSpec:
         scene = self._floor(plan.scene).scene
         rng = make_rng(self._config.seed, *occasion)
-        scene = scene.with_palette(sample_palette(rng, scene.slots, plan.split))
+        scene = scene.with_palette(sample_palette(rng, scene.slots, plan.split, scene.pictures))
         check_palette(scene)
         return scene
 
@@ -190,7 +194,7 @@ class RenderWorker:
                 free=camera_space(scene, self._config),
                 sights=Sights.of(scene),
                 table=scene.instances(),
-                solids=scene_solids(scene),
+                solids=scene_solids(scene, self._assets),
             )
         return self._floors[name]
 

@@ -19,9 +19,10 @@ from langwm_data.config_io import CONFIG_FILE, ConfigError, claim_output
 from langwm_data.frames import BakeTask, RenderWorker
 from langwm_data.plan import SPLITS, ShardTask
 from langwm_data.remote import RemoteFolder, is_url
+from langwm_data.scenes.assets import ASSETS_DIR
 from langwm_data.shards.finish import Origin, finish_dataset, remove_work
 from langwm_data.shards.manifest import CARD_FILE, FRAMES_FILE, MANIFEST_FILE, OBJECTS_FILE, ShardRecord
-from langwm_data.shards.scenes import SCENES_DIR
+from langwm_data.shards.scenes import SCENES_DIR, read_scene
 from langwm_data.shards.writer import WORK_DIR, complete_shard, part_files, read_record, shard_path
 from langwm_data.sim.render import describe_renderer
 from langwm_data.workers import Report, WorkerFactory
@@ -111,7 +112,7 @@ class LocalOutput:
 
     def discard_work(self) -> None:
         """Remove shards, scenes and records."""
-        for name in (WORK_DIR, SCENES_DIR, *SPLITS):
+        for name in (WORK_DIR, SCENES_DIR, ASSETS_DIR, *SPLITS):
             shutil.rmtree(self.folder / name, ignore_errors=True)
 
     def remove_leftovers(self) -> None:
@@ -165,13 +166,13 @@ class RemoteOutput:
     def discard_work(self) -> None:
         """Remove shards, scenes and records, here and there."""
         LocalOutput(self.folder).discard_work()
-        for name in (WORK_DIR, SCENES_DIR, *SPLITS):
+        for name in (WORK_DIR, SCENES_DIR, ASSETS_DIR, *SPLITS):
             self._remote.remove(name)
 
     def remove_leftovers(self) -> None:
         """Remove what a finished dataset needs no more."""
         self._remote.remove(WORK_DIR)
-        for folder in ("", "index", SCENES_DIR, *SPLITS):
+        for folder in ("", "index", SCENES_DIR, ASSETS_DIR, *SPLITS):
             for name in self._remote.names(folder):
                 if Path(name).name.startswith(".") and name.endswith(".tmp"):
                     self._remote.remove(name)
@@ -224,11 +225,14 @@ class UploadingWorker:
         """Do one task; a shard's record arrives after its bytes and its rows of the index."""
         if isinstance(task, BakeTask):
             self._worker(task, report)
+            for file in read_scene(self._folder, task.scene).assets():
+                self._remote.put(self._folder, f"{ASSETS_DIR}/{file}")
             self._remote.put(self._folder, f"{SCENES_DIR}/{task.scene}.json")
             return
-        for name in self._remote.names(SCENES_DIR):
-            if name.endswith(".json") and not (self._folder / name).is_file():
-                self._remote.get(name, self._folder)
+        for folder in (SCENES_DIR, ASSETS_DIR):
+            for name in self._remote.names(folder):
+                if not name.endswith(".tmp") and not (self._folder / name).is_file():
+                    self._remote.get(name, self._folder)
         self._worker(task, report)
         path = shard_path(task.split, task.number)
         for name in (path, *part_files(path)):

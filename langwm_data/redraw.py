@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from langwm_data.config import CameraConfig, DatasetConfig
 from langwm_data.config_io import build_config
-from langwm_data.labels.amodal import amodal_extents, scene_solids
+from langwm_data.labels.amodal import SceneSolids, amodal_extents, scene_solids
 from langwm_data.pipeline import fingerprint
-from langwm_data.scenes.spec import MaterialRef, SceneSpec
 from langwm_data.shards.dataset import ShardDataset
 from langwm_data.shards.findings import Finding
 from langwm_data.shards.manifest import GENERATOR, Manifest
@@ -61,7 +60,7 @@ def redraw_frames(
     numbers = np.linspace(0, len(dataset) - 1, count).round().astype(int).tolist()
     shards = dataset.frames["shard"].to_pylist()
     findings = []
-    renderer = make_renderer(config.render)
+    renderer = make_renderer(config.render, dataset.assets)
     try:
         for done, number in enumerate(numbers, start=1):
             where, key = shards[number], dataset.keys[number]
@@ -87,19 +86,19 @@ def _differences(
         yield "its camera is not where the robot's is"
         return
     scene = dataset.scene(sample.meta["scene"])
-    renderer.load(scene.with_palette([MaterialRef.parse(text) for text in sample.meta["palette"]]))
+    renderer.load(scene.with_palette(scene.read_palette(sample.meta["palette"])))
     renderer.set_lights(Lights.parse(sample.meta["lights"]))
     frame = renderer.render(camera)
     yield from _image_difference("rgb", frame.rgb, sample.rgb)
     yield from _image_difference("depth in mm", to_millimetres(frame.depth), to_millimetres(sample.depth))
     yield from _image_difference("instance", frame.instance, sample.instance)
-    yield from _extent_differences(scene, camera, sample.meta["objects"])
+    yield from _extent_differences(scene_solids(scene, dataset.assets), camera, sample.meta["objects"])
 
 
-def _extent_differences(scene: SceneSpec, camera: Camera, objects: list[dict[str, Any]]) -> Iterator[str]:
+def _extent_differences(solids: SceneSolids, camera: Camera, objects: list[dict[str, Any]]) -> Iterator[str]:
     """Whether silhouettes give the stored shares of what is visible, truncated and occluded."""
     areas = {obj["instance"]: obj["area_px"] for obj in objects}
-    extents = amodal_extents(scene_solids(scene), camera, areas)
+    extents = amodal_extents(solids, camera, areas)
     for obj in objects:
         for name, share in vars(extents[obj["instance"]]).items():
             if abs(obj[name] - share) > _SHARE_TOLERANCE:

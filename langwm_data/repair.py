@@ -16,11 +16,13 @@ import pyarrow.parquet as pq
 import yaml
 
 from langwm_data import atomic
+from langwm_data.baking import open_scenes
 from langwm_data.config import DatasetConfig
 from langwm_data.config_io import CONFIG_FILE
 from langwm_data.frames import BakeTask, RenderWorker
 from langwm_data.plan import FramePlan, plan_frame, plan_shards
 from langwm_data.redraw import require_same_generator
+from langwm_data.scenes.assets import ASSETS_DIR
 from langwm_data.shards.card import write_card
 from langwm_data.shards.findings import Finding
 from langwm_data.shards.index import FRAMES_SCHEMA, OBJECTS_SCHEMA, frame_row, object_rows
@@ -33,7 +35,7 @@ from langwm_data.shards.manifest import (
     read_manifest,
 )
 from langwm_data.shards.sample import DatasetError, decode_sample, encode_sample
-from langwm_data.shards.scenes import SCENES_DIR
+from langwm_data.shards.scenes import SCENES_DIR, read_scene
 from langwm_data.shards.tar_walk import walk_samples
 from langwm_data.shards.writer import TarWriter, shard_path, write_table
 
@@ -66,6 +68,11 @@ def repair_dataset(
     damaged = {finding.where for finding in findings}
     names = sorted({name for split in manifest.splits.values() for name in split.scenes})
     scenes = [name for name in names if f"{SCENES_DIR}/{name}.json" in damaged]
+    scenes += _scenes_with_damaged_assets(folder, set(names) - set(scenes), damaged)
+    if scenes and dict(open_scenes(config.scenes).identity) != manifest.sources:
+        raise DatasetError(
+            f"{folder}: its scenes were made from other files than those that its configuration names now"
+        )
     shards = [shard for shard in manifest.shards if shard.path in damaged]
     with RenderWorker(config, folder) as worker:
         for name in scenes:
@@ -79,8 +86,21 @@ def repair_dataset(
     return made + _repair_descriptions(folder, manifest, damaged)
 
 
+def _scenes_with_damaged_assets(folder: Path, names: Collection[str], damaged: Collection[str]) -> list[str]:
+    """Scenes that need a mesh or picture in which something was found, which is removed."""
+    if not any(where.startswith(f"{ASSETS_DIR}/") for where in damaged):
+        return []
+    needing = []
+    for name in sorted(names):
+        lost = {f"{ASSETS_DIR}/{file}" for file in read_scene(folder, name).assets()} & set(damaged)
+        needing += [name] if lost else []
+        for where in lost:
+            (folder / where).unlink(missing_ok=True)
+    return needing
+
+
 def _refuse_links(folder: Path, manifest: Manifest) -> None:
-    for name in (SCENES_DIR, Path(FRAMES_FILE).parent.name, *manifest.splits):
+    for name in (SCENES_DIR, ASSETS_DIR, Path(FRAMES_FILE).parent.name, *manifest.splits):
         if (folder / name).is_symlink():
             raise DatasetError(f"{folder / name} is a link to another folder, in which nothing is repaired")
 

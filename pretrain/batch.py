@@ -10,6 +10,8 @@ import torch
 from jaxtyping import Bool, Float, UInt8
 from torch import Tensor
 
+from langwm_data.scenes.taxonomy import phrase
+
 
 @dataclass(frozen=True, kw_only=True)
 class FrameObject:
@@ -22,6 +24,13 @@ class FrameObject:
     """Of the object's mask, in pixels."""
     distance_m: float
     """Mean z-depth over the mask."""
+    phrase: str = ""
+    """The noun for it; empty for that of its category."""
+
+    @property
+    def noun(self) -> str:
+        """What captions call it."""
+        return self.phrase or phrase(self.category)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -109,14 +109,16 @@ def batch_numbers(seed: int, step: int, batch_size: int, num_frames: int) -> lis
 def _objects_by_frame(shards: ShardDataset) -> list[list[FrameObject]]:
     """The objects that have a caption: those that stage one found worth naming."""
     table = shards.objects
-    names = ("key", "category", "x1", "y1", "x2", "y2", "center_x", "distance_m", "captions")
+    names = ("key", "category", "phrase", "x1", "y1", "x2", "y2", "center_x", "distance_m", "captions")
     found: dict[str, list[FrameObject]] = defaultdict(list)
-    for key, category, x1, y1, x2, y2, center_x, distance_m, captions in zip(
+    for key, category, phrase, x1, y1, x2, y2, center_x, distance_m, captions in zip(
         *(table[name].to_pylist() for name in names), strict=True
     ):
         if captions:
             box = (x1, y1, x2, y2)
             found[key].append(
-                FrameObject(category=category, bbox_xyxy=box, center_x=center_x, distance_m=distance_m)
+                FrameObject(
+                    category=category, phrase=phrase, bbox_xyxy=box, center_x=center_x, distance_m=distance_m
+                )
             )
     return [found[key] for key in shards.keys]

@@ -74,9 +74,7 @@ def _describe(
     rng: np.random.Generator, objects: Sequence[FrameObject], width: int, config: ObjectMaskConfig
 ) -> list[str]:
     captions = [
-        sample_caption(
-            rng, o.category, o.center_x, width, o.distance_m, distance_format=config.distance_format
-        )
+        sample_caption(rng, o.noun, o.center_x, width, o.distance_m, distance_format=config.distance_format)
         for o in objects
     ]
     return [captions[number].text for number in rng.permutation(len(captions))]

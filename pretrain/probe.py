@@ -156,7 +156,7 @@ def _wrong_caption(
         raise ConfigError(f"the held-out frames show no object that a {shown.category} could be mistaken for")
     donor = fitting[rng.integers(len(fitting))]
     caption = sample_caption(
-        rng, donor.category, donor.center_x, width, donor.distance_m, distance_format=config.distance_format
+        rng, donor.noun, donor.center_x, width, donor.distance_m, distance_format=config.distance_format
     )
     return caption.text, donor
 

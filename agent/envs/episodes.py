@@ -8,7 +8,7 @@ import numpy as np
 
 from agent.config import EnvConfig
 from agent.envs.sites import Site, load_scene
-from langwm_data.scenes.homes import scene_names
+from langwm_data.baking import open_scenes
 from langwm_data.scenes.spec import SceneSpec, Split
 from langwm_data.seeding import make_rng
 
@@ -122,7 +122,11 @@ def fixed_episodes(
         scenes: These scenes instead of all homes of the split.
     """
     num_tiers = len(config.distance_edges_m) - 1
-    specs = [load_scene(n, config) for n in scene_names(split)] if scenes is None else list(scenes)
+    specs = (
+        [load_scene(n, config) for n in open_scenes(config.scenes).names(split)]
+        if scenes is None
+        else list(scenes)
+    )
     episodes = []
     for scene in specs:
         with Site(scene, config) as site:

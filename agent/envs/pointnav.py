@@ -17,8 +17,8 @@ from agent.envs.episodes import Episode, sample_episode
 from agent.envs.measures import EpisodeMeasures
 from agent.envs.rewards import navigation_reward
 from agent.envs.sites import Site, load_scene
+from langwm_data.baking import open_scenes
 from langwm_data.labels.instances import is_eligible, label_frame
-from langwm_data.scenes.homes import scene_names
 from langwm_data.scenes.navigation import DistanceField
 from langwm_data.scenes.spec import MaterialRef, SceneSpec, Split
 from langwm_data.scenes.splits import sample_palette
@@ -78,7 +78,7 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
         self.render_mode = render_mode
         self._scenes = None if scenes is None else {s.name: s for s in scenes}
         self.scene_names: tuple[str, ...] = (
-            scene_names(self.split) if scenes is None else tuple(self._scenes or ())
+            open_scenes(self.config.scenes).names(self.split) if scenes is None else tuple(self._scenes or ())
         )
         self._sites: dict[str, Site] = {}
         self._renderers: dict[str, Renderer] = {}
@@ -194,11 +194,15 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
         # Loading takes longer than a short episode, so every floor keeps a renderer.
         if scene.name not in self._renderers:
             config = self.config
-            self._renderers[scene.name] = BlindRenderer() if config.is_blind else make_renderer(config.render)
+            self._renderers[scene.name] = (
+                BlindRenderer()
+                if config.is_blind
+                else make_renderer(config.render, open_scenes(config.scenes).assets)
+            )
             self._renderers[scene.name].load(scene)
         self._renderer = self._renderers[scene.name]
         rng = make_rng(episode.palette_seed, "palette")
-        self.palette = sample_palette(rng, scene.slots, self.split)
+        self.palette = sample_palette(rng, scene.slots, self.split, scene.pictures)
         self._renderer.set_palette(self.palette)
 
     def _geodesic(self) -> float:
@@ -239,6 +243,7 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
         return [
             FrameObject(
                 category=label.category,
+                phrase=label.phrase,
                 bbox_xyxy=label.bbox_xyxy,
                 center_x=label.center_px[0],
                 distance_m=label.distance_m,

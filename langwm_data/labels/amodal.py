@@ -1,9 +1,9 @@
 """How much of each object a picture shows: what something hides, and what lies outside the picture.
 
 Owns silhouettes. An object's silhouette is what it would cover if it stood alone and the picture had no
-edges. Every part is convex, so it covers one span of each pixel row; the spans of an object's parts,
-united, are its silhouette. A pixel belongs to what lies at its centre, as the renderers have it. Rows
-far outside the picture are higher than a pixel.
+edges. Every part is convex, so it covers one run of each pixel row; meshes stand in ``mesh_outline``. The
+runs of an object, united, are its silhouette. A pixel belongs to what lies at its centre, as the renderers
+have it. Rows far outside the picture are higher than a pixel.
 """
 
 from collections import defaultdict
@@ -15,8 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from langwm_data.labels.mesh_outline import MeshSolid, mesh_solid, mesh_spans
+from langwm_data.scenes.assets import NO_ASSETS, Assets
 from langwm_data.scenes.geometry import quat_matrix
-from langwm_data.scenes.spec import PartSpec, Quat, SceneSpec, Shape, Vec3
+from langwm_data.scenes.spec import IDENTITY, PartSpec, Quat, SceneSpec, Shape, Vec3
 from langwm_data.sim.camera import Camera
 from langwm_data.sim.mesh import part_mesh
 
@@ -62,16 +64,39 @@ class Solid:
         return int(self.parts[-1]) + 1
 
 
-def scene_solids(scene: SceneSpec) -> dict[int, Solid]:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SceneSolids:
     """Everything that a mask can show, by instance id, in world coordinates; good for any number of views."""
-    solids: defaultdict[int, list[Solid]] = defaultdict(list)
-    for instance, position, orientation, part in scene.iter_parts():
-        solids[instance].append(_part_solid(position, orientation, part))
-    return {instance: _join(parts) for instance, parts in solids.items()}
+
+    parts: Mapping[int, Solid]
+    meshes: Mapping[int, Sequence[MeshSolid]]
+
+
+def scene_solids(scene: SceneSpec, assets: Assets = NO_ASSETS) -> SceneSolids:
+    """What the renderers draw of a scene.
+
+    Raises:
+        ValueError: If a mesh of the scene is missing or damaged.
+    """
+    parts: defaultdict[int, list[Solid]] = defaultdict(list)
+    meshes: defaultdict[int, list[MeshSolid]] = defaultdict(list)
+    for s in scene.surfaces:
+        if s.mesh is not None:
+            meshes[s.instance].append(mesh_solid(assets.mesh(s.mesh.name), (0.0, 0.0, 0.0), IDENTITY))
+        elif s.part is not None and s.is_seen:
+            parts[s.instance].append(_part_solid((0.0, 0.0, 0.0), IDENTITY, s.part))
+    for o in scene.objects:
+        if o.mesh is not None:
+            meshes[o.instance].append(mesh_solid(assets.mesh(o.mesh.name), o.position, o.orientation))
+        else:
+            parts[o.instance] += [_part_solid(o.position, o.orientation, part) for part in o.parts]
+    return SceneSolids(
+        parts={instance: _join(solids) for instance, solids in parts.items()}, meshes=dict(meshes)
+    )
 
 
 def amodal_extents(
-    solids: Mapping[int, Solid], camera: Camera, visible_px: Mapping[int, int]
+    solids: SceneSolids, camera: Camera, visible_px: Mapping[int, int]
 ) -> dict[int, AmodalExtent]:
     """What a view shows of each object that is visible in it.
 
@@ -84,9 +109,7 @@ def amodal_extents(
     """
     if not visible_px:
         return {}
-    shown = [solids[number] for number in visible_px]
-    owner_of_part = np.repeat(np.arange(len(shown)), [solid.num_parts for solid in shown])
-    areas = _areas(*_outlines(_join(shown), camera), owner_of_part, camera)
+    areas = _areas(*_all_spans(solids, list(visible_px), camera), len(visible_px), camera)
     extents = {}
     for (number, visible), (inside, outside) in zip(visible_px.items(), areas.tolist(), strict=True):
         # Where rasterisers differ about a pixel of the outline, what is seen is there.
@@ -102,9 +125,9 @@ def amodal_extents(
 def _part_solid(position: Vec3, orientation: Quat, part: PartSpec) -> Solid:
     """One part in world coordinates."""
     if part.shape == "box":
-        local, size = _hull("box", (1.0, 1.0, 1.0), 1.0), np.asarray(part.size)
+        local, size = _hull("box", (1.0, 1.0, 1.0), 1.0, ()), np.asarray(part.size)
     else:
-        local, size = _hull(part.shape, part.size, part.taper), np.ones(3)
+        local, size = _hull(part.shape, part.size, part.taper, part.points), np.ones(3)
     rotation = quat_matrix(orientation)
     shift = rotation @ np.asarray(part.position) + position
     rotation = rotation @ quat_matrix(part.orientation)
@@ -118,11 +141,11 @@ def _part_solid(position: Vec3, orientation: Quat, part: PartSpec) -> Solid:
 
 
 @lru_cache(maxsize=4096)
-def _hull(shape: Shape, size: Vec3, taper: float) -> Solid:
+def _hull(shape: Shape, size: Vec3, taper: float, points: tuple[Vec3, ...]) -> Solid:
     """A part of this shape around the origin, as the renderers draw it."""
-    part = PartSpec(shape=shape, size=size, position=(0.0, 0.0, 0.0), slot=0, taper=taper)
-    points = part_mesh(part).vertices
-    hull = ConvexHull(points)
+    part = PartSpec(shape=shape, size=size, position=(0.0, 0.0, 0.0), slot=0, taper=taper, points=points)
+    corners = part_mesh(part).vertices
+    hull = ConvexHull(corners)
     planes, face_of = np.unique(hull.equations, axis=0, return_inverse=True)
     # Qhull's triangles: the n-th neighbour lies across the edge opposite the n-th corner.
     ends = np.concatenate([hull.simplices[:, [1, 2]], hull.simplices[:, [2, 0]], hull.simplices[:, [0, 1]]])
@@ -130,7 +153,7 @@ def _hull(shape: Shape, size: Vec3, taper: float) -> Solid:
     is_edge = faces[:, 0] < faces[:, 1]  # each edge once, and none inside a face
     ends, faces = ends[is_edge], faces[is_edge]
     parts = np.zeros(len(ends), np.int64)
-    return Solid(ends=points[ends], planes=planes[faces], faces=faces, parts=parts)
+    return Solid(ends=corners[ends], planes=planes[faces], faces=faces, parts=parts)
 
 
 def _join(solids: Sequence[Solid]) -> Solid:
@@ -176,11 +199,33 @@ def _cut(ends: Floats, is_near: Bools, near_m: float) -> Floats:
     return np.where(is_near[..., None], crossing[:, None], ends)
 
 
-def _areas(segments: Floats, parts: Ints, owner_of_part: Ints, camera: Camera) -> Floats:
-    """Pixels inside and outside the picture, (N, 2), that the parts of each owner cover together."""
+def _all_spans(
+    solids: SceneSolids, numbers: Sequence[int], camera: Camera
+) -> tuple[Ints, Ints, Floats, Floats]:
+    """Every run of pixel centres that a part or a sheet of a mesh covers: owner, counted as in ``numbers``,
+    row, first column, and the one after the last.
+    """
+    centers, _ = _rows(camera.height)
+    owners = [i for i, number in enumerate(numbers) if number in solids.parts]
+    found = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0), np.zeros(0))]
+    if owners:
+        shown = [solids.parts[numbers[i]] for i in owners]
+        owner_of_part = np.repeat(owners, [solid.num_parts for solid in shown])
+        part, row, left, right = _spans(*_outlines(_join(shown), camera), centers)
+        found.append((owner_of_part[part], row, left, right))
+    for i, number in enumerate(numbers):
+        for solid in solids.meshes.get(number, ()):
+            row, left, right = mesh_spans(solid, camera, centers)
+            found.append((np.full(len(row), i), row, left, right))
+    owner, row, left, right = (np.concatenate(values) for values in zip(*found, strict=True))
+    left, right = np.ceil(np.clip((left, right), -MAX_OUTSIDE_PX, MAX_OUTSIDE_PX) - 0.5)
+    return owner, row, left, right
+
+
+def _areas(owner: Ints, row: Ints, left: Floats, right: Floats, num_owners: int, camera: Camera) -> Floats:
+    """Pixels inside and outside the picture, (N, 2), that the runs of each owner cover together."""
     centers, heights = _rows(camera.height)
-    part, row, left, right = _spans(segments, parts, len(owner_of_part), centers)
-    group = owner_of_part[part] * len(centers) + row
+    group = owner * len(centers) + row
     # Side by side on one line, the rows of all owners in turn: from left to right, each span adds what
     # lies beyond all before it.
     shift = group * (4.0 * MAX_OUTSIDE_PX)
@@ -190,15 +235,13 @@ def _areas(segments: Floats, parts: Ints, owner_of_part: Ints, camera: Camera) -
     whole = np.maximum(right - left, 0) * heights[row]
     inside = np.maximum(np.minimum(right, camera.width) - np.maximum(left, 0), 0)
     inside *= (centers[row] > 0) & (centers[row] < camera.height)
-    owner, num_owners = group // len(centers), int(owner_of_part[-1]) + 1
+    owner = group // len(centers)
     sums = [np.bincount(owner, area, num_owners) for area in (inside, whole - inside)]
     return np.stack(sums, axis=1, dtype=np.float64)
 
 
-def _spans(
-    segments: Floats, parts: Ints, num_parts: int, centers: Floats
-) -> tuple[Ints, Ints, Floats, Floats]:
-    """Every run of pixel centres inside an outline: part, row, first column, and the one after the last."""
+def _spans(segments: Floats, parts: Ints, centers: Floats) -> tuple[Ints, Ints, Floats, Floats]:
+    """Every run inside the outline of a convex part: part, row, and where it begins and ends, in pixels."""
     x, y = segments[..., 0], segments[..., 1]
     first, last = np.sort(np.searchsorted(centers, y), axis=1).T
     with np.errstate(divide="ignore", invalid="ignore"):  # level edges cross no row
@@ -207,12 +250,13 @@ def _spans(
     row = np.arange(len(which)) - (np.cumsum(last - first) - last)[which]
     crossing = x[which, 0] + (centers[row] - y[which, 0]) * slope[which]
     place = parts[which] * len(centers) + row
-    left, right = np.full((2, num_parts * len(centers)), ((np.inf,), (-np.inf,)))
-    np.minimum.at(left, place, crossing)
-    np.maximum.at(right, place, crossing)
-    used = np.flatnonzero(left < right)
-    left, right = np.ceil(np.clip((left[used], right[used]), -MAX_OUTSIDE_PX, MAX_OUTSIDE_PX) - 0.5)
-    return used // len(centers), used % len(centers), left, right
+    order = np.argsort(place, kind="stable")
+    place, crossing = place[order], crossing[order]
+    starts = np.flatnonzero(np.diff(place, prepend=-1))
+    if not len(starts):
+        return place, place, crossing, crossing
+    left, right = np.minimum.reduceat(crossing, starts), np.maximum.reduceat(crossing, starts)
+    return place[starts] // len(centers), place[starts] % len(centers), left, right
 
 
 @lru_cache(maxsize=8)

@@ -10,8 +10,6 @@ from typing import Literal
 
 import numpy as np
 
-from langwm_data.scenes.taxonomy import phrase
-
 DistanceFormat = Literal["integer", "decimal"]
 
 TEMPLATES: tuple[str, ...] = (
@@ -87,7 +85,7 @@ def format_distance(distance_m: float, fmt: DistanceFormat) -> str:
 
 
 def make_caption(  # noqa: PLR0913
-    category: str,
+    noun: str,
     center_x: float,
     width: float,
     distance_m: float,
@@ -99,7 +97,7 @@ def make_caption(  # noqa: PLR0913
     """Fill one template.
 
     Args:
-        category: Name in the taxonomy, such as ``dining_table``.
+        noun: What the object is called, such as ``dining table``; see ``SceneSpec.instances``.
         center_x: Horizontal centre of the object in pixels.
         width: Width of the image in pixels.
         distance_m: Mean depth of the object.
@@ -110,13 +108,13 @@ def make_caption(  # noqa: PLR0913
     assert 1 <= template <= len(TEMPLATES), template
     where = direction(center_x, width, rule)
     distance = format_distance(distance_m, distance_format)
-    text = TEMPLATES[template - 1].format(object=phrase(category), direction=where, distance=distance)
+    text = TEMPLATES[template - 1].format(object=noun, direction=where, distance=distance)
     return Caption(text=text, template=template, rule=rule, direction=where, distance=distance)
 
 
 def sample_caption(
     rng: np.random.Generator,
-    category: str,
+    noun: str,
     center_x: float,
     width: float,
     distance_m: float,
@@ -125,7 +123,7 @@ def sample_caption(
 ) -> Caption:
     """Fill a template and apply a direction rule, each drawn uniformly."""
     return make_caption(
-        category,
+        noun,
         center_x,
         width,
         distance_m,

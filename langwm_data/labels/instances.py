@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from langwm_data.config import LabelsConfig
 from langwm_data.labels.captions import Caption, direction, sample_caption
+from langwm_data.scenes.spec import InstanceName
 from langwm_data.scenes.taxonomy import is_nameable
 
 __all__ = ["Caption", "ObjectLabel", "is_eligible", "label_frame"]
@@ -26,6 +27,8 @@ class ObjectLabel:
     instance: int
     category: str
     model: str
+    phrase: str
+    """The noun for it."""
     bbox_xyxy: tuple[float, float, float, float]
     center_px: tuple[float, float]
     """Centroid of the mask, x and y; a pixel's centre lies at .5."""
@@ -54,7 +57,7 @@ def is_eligible(label: ObjectLabel, image_area: int, config: LabelsConfig) -> bo
 def label_frame(
     instance: NDArray[np.uint16],
     depth: NDArray[np.float32],
-    table: Mapping[int, tuple[str, str]],
+    table: Mapping[int, InstanceName],
     config: LabelsConfig,
     rng: np.random.Generator,
 ) -> list[ObjectLabel]:
@@ -63,7 +66,7 @@ def label_frame(
     Args:
         instance: (H, W), 0 = background.
         depth: (H, W), metres, 0 = invalid.
-        table: Instance id to category and model, as ``SceneSpec.instances`` gives it.
+        table: What each instance is called, as ``SceneSpec.instances`` gives it.
         config: Which objects are captioned, and how.
         rng: Draws the templates and direction rules, in the order of the instance ids.
     """
@@ -76,7 +79,7 @@ def label_frame(
         if is_eligible(label, instance.size, config):
             caption = sample_caption(
                 rng,
-                label.category,
+                label.phrase,
                 label.center_px[0],
                 width,
                 label.distance_m,
@@ -96,7 +99,7 @@ def _visible(instance: NDArray[np.uint16]) -> list[int]:
 
 
 def _measure(
-    instance: NDArray[np.uint16], depth: NDArray[np.float32], number: int, name: tuple[str, str]
+    instance: NDArray[np.uint16], depth: NDArray[np.float32], number: int, name: InstanceName
 ) -> ObjectLabel:
     """The label of one instance, without captions; ``depth`` is clipped."""
     mask = cv2.inRange(instance, number, number)  # pyright: ignore[reportCallIssue, reportArgumentType]
@@ -109,8 +112,9 @@ def _measure(
     mask[depth <= 0] = 0
     return ObjectLabel(
         instance=number,
-        category=name[0],
-        model=name[1],
+        category=name.category,
+        model=name.model,
+        phrase=name.phrase,
         bbox_xyxy=(float(x), float(y), float(x + width), float(y + height)),
         center_px=(center_x, center_y),
         area_px=int(area),

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from langwm_data.labels.captions import DIRECTIONS, TEMPLATES
-from langwm_data.scenes.taxonomy import CATEGORIES, STRUCTURE
 
 _DISTANCE = r"half a meter|1 meter|(?:[2-9]|[1-9]\d{1,3}) meters|(?:0\.[1-9]|[1-9]\d{0,3}\.\d) meters"
 """Whole metres (0 is half a meter, 1 is singular) or one decimal of at least 0.1."""
 
-_CATEGORY_OF_PHRASE = {name: name for name in STRUCTURE} | {c.phrase: c.name for c in CATEGORIES.values()}
+NOUN = r"[a-z0-9][a-z0-9 ':/-]{0,58}[a-z0-9]"
+"""What a thing may be called: a few words without commas and stops, which end it in the templates."""
 _DIRECTION_NAMES = tuple(dict.fromkeys(name for names in DIRECTIONS.values() for name in names))
 
 
@@ -22,8 +22,8 @@ _DIRECTION_NAMES = tuple(dict.fromkeys(name for names in DIRECTIONS.values() for
 class ParsedCaption:
     """What a caption says."""
 
-    category: str
-    """Name in the taxonomy, such as ``dining_table``."""
+    phrase: str
+    """The noun, such as ``dining table``."""
     direction: str
     distance: str
     """As it is said: ``3 meters``."""
@@ -39,14 +39,13 @@ def parse_caption(text: str) -> ParsedCaption:
     """Read one caption.
 
     Raises:
-        ValueError: If the text is none of the seven templates filled with a known object, direction and
-            distance.
+        ValueError: If the text is none of the seven templates filled with a noun, direction and distance.
     """
     for number, pattern in enumerate(_PATTERNS, start=1):
         if match := pattern.fullmatch(text):
             where = match["direction"]
             return ParsedCaption(
-                category=_CATEGORY_OF_PHRASE[match["object"]],
+                phrase=match["object"],
                 direction=where,
                 distance=match["distance"],
                 template=number,
@@ -69,7 +68,7 @@ def said_metres(distance: str) -> float:
 def _pattern(template: str) -> re.Pattern[str]:
     """A template as a pattern that matches the whole of a caption and nothing else."""
     slots = {
-        "object": "|".join(map(re.escape, _CATEGORY_OF_PHRASE)),
+        "object": NOUN,
         "direction": "|".join(map(re.escape, _DIRECTION_NAMES)),
         "distance": _DISTANCE,
     }

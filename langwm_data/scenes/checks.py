@@ -37,7 +37,7 @@ def overlapping_pairs(scene: SceneSpec, *, tolerance_m: float = 0.002) -> list[t
 def _bodies(scene: SceneSpec) -> list[tuple[int, Boxes]]:
     """Surfaces one by one, then objects whole: instance and boxes."""
     origin = (0.0, 0.0, 0.0)
-    surfaces = [(s.instance, Boxes.of_parts([(origin, IDENTITY, s.part)])) for s in scene.surfaces]
+    surfaces = [(s.instance, Boxes.of_parts([(origin, IDENTITY, s.part)])) for s in scene.surfaces if s.part]
     objects = [
         (o.instance, Boxes.of_parts((o.position, o.orientation, part) for part in o.parts))
         for o in scene.objects

@@ -126,6 +126,9 @@ def part_polygon(position: Vec3, orientation: Quat, part: PartSpec) -> Array:
     """
     rotation = quat_matrix(orientation) @ quat_matrix(part.orientation)
     center = quat_matrix(orientation) @ np.asarray(part.position) + position
+    if part.shape == "hull":
+        points = np.asarray(part.points) @ rotation.T + center
+        return points[ConvexHull(points[:, :2]).vertices, :2]
     outline = _outline(part)
     if rotation[2, 2] > 1 - 1e-9:
         return outline @ rotation[:2, :2].T + center[:2]

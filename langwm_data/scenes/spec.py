@@ -10,9 +10,11 @@ import dataclasses
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Self
+from typing import Any, Literal, NamedTuple, Self
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from langwm_data.scenes.taxonomy import phrase
 
 SCHEMA_VERSION = 2
 
@@ -140,6 +142,8 @@ class SurfaceSpec:
     part: PartSpec | None
     """What is collided with, and seen where there is no mesh; None for a mesh that is only seen."""
     mesh: MeshSpec | None = None
+    is_seen: bool = True
+    """False for a solid that is only collided with: a piece of what the mesh of another surface shows."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,6 +163,15 @@ class DoorwaySpec:
     rooms: tuple[str, str]
     center: tuple[float, float]
     width: float
+
+
+class InstanceName(NamedTuple):
+    """What one thing in a scene is called."""
+
+    category: str
+    model: str
+    phrase: str
+    """The noun that captions use."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,14 +206,16 @@ class SceneSpec:
             )
         return dataclasses.replace(self, palette=tuple(palette))
 
-    def instances(self) -> dict[int, tuple[str, str]]:
-        """Instance id to (category, model) for everything that can appear in a mask."""
-        table = {s.instance: (s.kind, f"{s.room}_{s.kind}") for s in self.surfaces}
-        return table | {o.instance: (o.category, o.model) for o in self.objects}
-
-    def phrases(self) -> dict[int, str]:
-        """Instance id to noun, for the objects that are not called by their category's."""
-        return {o.instance: o.phrase for o in self.objects if o.phrase}
+    def instances(self) -> dict[int, InstanceName]:
+        """What everything that can appear in a mask is called, by instance id."""
+        table = {
+            s.instance: InstanceName(category=s.kind, model=f"{s.room}_{s.kind}", phrase=s.kind)
+            for s in self.surfaces
+        }
+        for o in self.objects:
+            noun = o.phrase or phrase(o.category)
+            table[o.instance] = InstanceName(category=o.category, model=o.model, phrase=noun)
+        return table
 
     def assets(self) -> tuple[str, ...]:
         """Names of the meshes and pictures that it needs, sorted; see ``scenes.assets``."""

@@ -188,7 +188,7 @@ def check_palette(scene: SceneSpec) -> None:
             )
         if scene.pictures and material not in scene.pictures:
             raise ValueError(
-                f"scene {scene.name!r}: slot {slot.name!r} holds texture {material}, not a picture of it"
+                f"scene {scene.name!r}: slot {slot.name!r} holds texture {material}, none of its pictures"
             )
         if not is_for(material, scene.split):
             raise ValueError(

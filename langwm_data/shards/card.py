@@ -20,6 +20,7 @@ _OBJECT = {
     "instance": "int64",
     "category": "string",
     "model": "string",
+    "phrase": "string",
     "bbox_xyxy": ["float64"],
     "center_px": ["float64"],
     "area_px": "int64",

@@ -16,7 +16,7 @@ from langwm_data.config import LabelsConfig
 from langwm_data.labels.captions import direction, format_distance
 from langwm_data.labels.instances import ObjectLabel, label_frame
 from langwm_data.labels.parse import parse_caption
-from langwm_data.scenes.spec import MaterialSlot, SceneSpec, Split
+from langwm_data.scenes.spec import InstanceName, MaterialSlot, SceneSpec, Split
 from langwm_data.shards.document import CaptionDocument, ObjectDocument, SampleDocument
 from langwm_data.shards.findings import foreign
 from langwm_data.shards.manifest import CameraRecord
@@ -34,7 +34,7 @@ from langwm_data.sim.camera import Camera
 
 MAX_CAPTION_BYTES = 1000
 
-_MEASURED = ("category", "model", "area_px", "direction_rule1", "direction_rule2")
+_MEASURED = ("category", "model", "phrase", "area_px", "direction_rule1", "direction_rule2")
 
 _FRACTIONS = ("visible_fraction", "truncated_fraction", "occluded_fraction")
 
@@ -51,8 +51,7 @@ class SceneRecord:
     floor: int
     split: Split
     slots: tuple[MaterialSlot, ...]
-    instances: Mapping[int, tuple[str, str]]
-    """Instance id to category and model."""
+    instances: Mapping[int, InstanceName]
 
     @classmethod
     def of(cls, scene: SceneSpec) -> Self:
@@ -190,8 +189,8 @@ def caption_fault(caption: CaptionDocument, truth: ObjectLabel, width: int, conf
         caption["distance"],
     ) or rule not in said.rules:
         return f"caption {foreign(caption['text'])} is not of the template, rule and slots beside it"
-    if said.category != truth.category:
-        return f"caption says {said.category}; the mask shows {truth.category}"
+    if said.phrase != truth.phrase:
+        return f"caption says {foreign(said.phrase)}; the mask shows a {truth.phrase}"
     if said.direction != (there := direction(truth.center_px[0], width, rule)):
         return f"caption says {said.direction}; by rule {rule} it is {there}"
     if said.distance != (far := format_distance(truth.distance_m, config.distance_format)):

@@ -28,7 +28,7 @@ from langwm_data.config_io import ConfigError, claim_output, config
 from langwm_data.labels.amodal import AmodalExtent
 from langwm_data.png import encode_png
 from langwm_data.scenes.spec import Split
-from langwm_data.scenes.taxonomy import is_structure, phrase
+from langwm_data.scenes.taxonomy import is_structure
 from langwm_data.shards.coco_panoptic import panoptic_image, segments_info
 from langwm_data.shards.dataset import ShardDataset
 from langwm_data.shards.manifest import GENERATOR
@@ -177,7 +177,7 @@ def _captions(sample: Sample, image_id: int, category_ids: Mapping[str, int]) ->
     """Every sentence with its slots; ``instance`` is the object that it is about."""
     for obj in sample.meta["objects"]:
         for caption in obj["captions"]:
-            slots = {"object": phrase(obj["category"]), **caption}
+            slots = {"object": obj["phrase"], **caption}
             yield {
                 "image_id": image_id,
                 "caption": slots.pop("text"),

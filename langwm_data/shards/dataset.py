@@ -16,6 +16,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from langwm_data.scenes.assets import ASSETS_DIR, Assets
 from langwm_data.scenes.spec import SceneSpec, Split
 from langwm_data.shards.index import COLUMN_OF_FILE, FRAMES_SCHEMA, OBJECTS_SCHEMA
 from langwm_data.shards.index_check import open_index
@@ -117,6 +118,11 @@ class ShardDataset:
     def keys(self) -> list[str]:
         """Names of the samples, in order."""
         return list(self._keys)
+
+    @property
+    def assets(self) -> Assets:
+        """The meshes and pictures of its scenes."""
+        return Assets(self.path / ASSETS_DIR)
 
     def scene(self, name: str) -> SceneSpec:
         """The baked scene called ``name``, enough to render its frames again.

@@ -44,6 +44,7 @@ class ObjectDocument(TypedDict):
     instance: int
     category: str
     model: str
+    phrase: str
     bbox_xyxy: Row4
     center_px: Pair
     area_px: int

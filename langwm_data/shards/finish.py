@@ -2,7 +2,7 @@
 
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +31,8 @@ class Origin:
     fingerprint: str
     renderer: str
     config: dict[str, Any]
-    sources: dict[str, str]
     camera: CameraRecord
+    sources: dict[str, str] = field(default_factory=dict)
 
 
 def finish_dataset(folder: Path, records: Sequence[ShardRecord], origin: Origin) -> Manifest:

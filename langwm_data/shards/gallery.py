@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from langwm_data import atomic
 from langwm_data.png import image_address
-from langwm_data.scenes.taxonomy import is_structure, phrase
+from langwm_data.scenes.taxonomy import is_structure
 from langwm_data.shards.dataset import ShardDataset
 from langwm_data.shards.plots import draw_plots
 from langwm_data.shards.sample import Sample
@@ -131,7 +131,7 @@ def _describe_object(obj: dict[str, Any], width: int) -> dict[str, Any]:
         "text_x": x2 - 1 if is_right else x1 + 1,
         "anchor": "end" if is_right else "start",
         "color": f"rgb({r},{g},{b})",
-        "name": phrase(obj["category"]),
+        "name": obj["phrase"],
         "caption": obj["captions"][0]["text"],
         "distance": f"{obj['distance_m']:.2f} m, {obj['direction_rule1']} / {obj['direction_rule2']}",
     }

@@ -52,6 +52,7 @@ OBJECTS_SCHEMA = pa.schema(
         ("instance", pa.int32()),
         ("category", pa.string()),
         ("model", pa.string()),
+        ("phrase", pa.string()),
         ("x1", pa.float64()),
         ("y1", pa.float64()),
         ("x2", pa.float64()),

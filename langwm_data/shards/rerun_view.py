@@ -10,7 +10,7 @@ from types import ModuleType
 import numpy as np
 
 from langwm_data.config_io import ConfigError
-from langwm_data.scenes.taxonomy import is_structure, phrase
+from langwm_data.scenes.taxonomy import is_structure
 from langwm_data.shards.gallery import instance_color
 from langwm_data.shards.sample import Sample
 
@@ -67,7 +67,7 @@ def _log_frame(rr: ModuleType, sample: Sample) -> None:
         rr.Boxes2D(
             array=boxes,
             array_format=rr.Box2DFormat.XYXY,
-            labels=[phrase(obj["category"]) for obj in furniture],
+            labels=[obj["phrase"] for obj in furniture],
             colors=[instance_color(obj["instance"]) for obj in furniture],
         ),
     )

@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Self
 
+from langwm_data.shards.asset_check import check_assets
 from langwm_data.shards.every_shard import ShardCheck, check_every_shard
 from langwm_data.shards.findings import Finding
 from langwm_data.shards.folder_check import check_folder, check_scenes, manifest_faults
@@ -77,5 +78,10 @@ def verify_dataset(
             for n, r in enumerate(manifest.shards)
         ]
         answers = check_every_shard(partial(ShardChecker, folder, scenes), tasks, workers, progress)
-        findings += of_scenes + of_tables + [Finding(**value) for answer in answers for value in answer]
+        findings += (
+            of_scenes
+            + check_assets(folder, scenes)
+            + of_tables
+            + [Finding(**value) for answer in answers for value in answer]
+        )
     return VerifyReport(frames=manifest.frames, shards=len(manifest.shards), findings=tuple(findings))

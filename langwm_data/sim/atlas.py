@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from langwm_data.scenes.spec import MaterialRef
-from langwm_data.scenes.textures import texture_image, tile_size_m
+from langwm_data.scenes.assets import NO_ASSETS, Assets
+from langwm_data.sim.texture import Texture, texture_picture
 
 WIDTH = 4096
 STEPS = 32
@@ -79,6 +79,19 @@ def _texels(picture: Picture, block: Floats, tile: Floats, size: Floats, level: 
     return np.stack([channel.ravel()[:num] for channel in cv2.split(found)], dtype=np.float32)
 
 
+def texel_density(tile_m: Floats, size: Floats, texture_px: int) -> Floats:
+    """(N,), texels to a metre of surface.
+
+    Args:
+        tile_m: (N,), metres that one width of a texture covers; 0 for materials of the palette, which have
+            ``texture_px`` texels to a metre.
+        size: (N,), texels across each texture.
+        texture_px: As ``RenderConfig`` has it.
+    """
+    is_own = tile_m > 0
+    return np.where(is_own, size / np.where(is_own, tile_m, 1), np.float32(texture_px)).astype(np.float32)
+
+
 class Atlas:
     """Gives textures their places; the textures of all scenes and palettes stay until it is full."""
 
@@ -87,7 +100,7 @@ class Atlas:
         """Changes when all places are given up."""
         self._texture_px = texture_px
         self._write = write
-        self._blocks: dict[MaterialRef, Block] = {}
+        self._blocks: dict[Texture, Block] = {}
         self._shelves: dict[int, tuple[int, int]] = {}
         """By size: column and row where the next texture of that size goes."""
         self._top = 0
@@ -97,15 +110,15 @@ class Atlas:
         """Rows and columns of the picture: room for the whole catalogue, or nearly."""
         return 64 * texture_px, WIDTH
 
-    def place(self, material: MaterialRef) -> Block:
-        """Where a texture lies; it is drawn when it is first asked for."""
-        if material not in self._blocks:
-            size = round(tile_size_m(material.category) * self._texture_px)
-            picture = _block_picture(texture_image(material, size))
+    def place(self, texture: Texture, assets: Assets = NO_ASSETS) -> Block:
+        """Where a texture lies; it is drawn when it is first asked for, if need be from ``assets``."""
+        if texture not in self._blocks:
+            image = texture_picture(texture, assets, self._texture_px)
+            size, picture = len(image), _block_picture(image)
             x, y = self._find_place(size, *picture.shape[:2])
             self._write(x, y, picture)
-            self._blocks[material] = (x, y, size, size.bit_length() - 1)
-        return self._blocks[material]
+            self._blocks[texture] = (x, y, size, size.bit_length() - 1)
+        return self._blocks[texture]
 
     def _find_place(self, size: int, height: int, width: int) -> tuple[int, int]:
         x, y = self._shelves.get(size, (WIDTH, 0))
@@ -125,25 +138,26 @@ class Atlas:
 
 
 class Blocks:
-    """Where the textures of one palette lie in an atlas; each is drawn when it is first needed."""
+    """Where the textures of one scene lie in an atlas; each is drawn when it is first needed."""
 
-    def __init__(self, atlas: Atlas, palette: Sequence[MaterialRef]) -> None:
-        self.table = np.zeros((len(palette), 4), np.float32)
-        """A row for each slot, as ``Atlas.place`` gives it; zeros where nobody asked yet."""
+    def __init__(self, atlas: Atlas, textures: Sequence[Texture], assets: Assets = NO_ASSETS) -> None:
+        self.table = np.zeros((len(textures), 4), np.float32)
+        """A row for each texture, as ``Atlas.place`` gives it; zeros where nobody asked yet."""
         self._atlas = atlas
-        self._palette = palette
-        self._has_place = np.zeros(len(palette), np.bool_)
+        self._textures = textures
+        self._assets = assets
+        self._has_place = np.zeros(len(textures), np.bool_)
         self._generation = atlas.generation
 
-    def fill_seen(self, slots: NDArray[np.int32]) -> bool:
-        """Fill in the rows of ``slots``, any number in any shape; whether the table changed."""
-        needed = np.zeros(len(self._palette), np.bool_)
-        needed[slots] = True
+    def fill_seen(self, numbers: NDArray[np.int32]) -> bool:
+        """Fill in the rows of ``numbers``, any number in any shape; whether the table changed."""
+        needed = np.zeros(len(self._textures), np.bool_)
+        needed[numbers] = True
         has_changed = False
         while missing := self._missing(needed):
-            for slot in missing:
-                self.table[slot] = self._atlas.place(self._palette[slot])
-                self._has_place[slot] = True
+            for number in missing:
+                self.table[number] = self._atlas.place(self._textures[number], self._assets)
+                self._has_place[number] = True
             has_changed = True
         return has_changed
 

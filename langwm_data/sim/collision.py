@@ -183,4 +183,4 @@ def _opposite(vector: Vec3) -> Vec3:
 # Cached because createCollisionShape never frees the lists that it is given: so they are few.
 @cache
 def _hull_points(form: PartSpec) -> list[list[float]]:
-    return part_mesh(form).vertices.tolist()
+    return [list(p) for p in form.points] if form.shape == "hull" else part_mesh(form).vertices.tolist()

@@ -21,7 +21,7 @@ from langwm_data.sim.atlas import Atlas
 
 FACE_COLUMNS = 4096
 """A face's texture stands in the table of faces at column face % 4096, row 2 * (face // 4096); its lamp
-one row below."""
+and how many texels its texture has to a metre one row below."""
 _UNITS = {"atlas": 0, "face_table": 1, "surface": 2, "uvs": 3, "normals": 4}
 
 _SURFACE_VERTICES = """#version 330
@@ -45,7 +45,9 @@ layout(location = 2) out vec4 normal;
 void main() {
     surface = vec2(1.0 / gl_FragCoord.w, surface_face);
     uv = surface_uv;
-    normal = vec4((surface_normal * 127.0 + 128.0) / 255.0, 1.0);
+    // Pictures are drawn upside down, which turns fronts into backs.
+    vec3 towards_eye = gl_FrontFacing ? -surface_normal : surface_normal;
+    normal = vec4((towards_eye * 127.0 + 128.0) / 255.0, 1.0);
 }
 """
 _FACE_VERTICES = """#version 330
@@ -82,11 +84,14 @@ void main() {{
     int face = int(depth_and_face.y);
     ivec2 entry = ivec2(face % {FACE_COLUMNS}, 2 * (face / {FACE_COLUMNS}));
     vec4 block = texelFetch(face_table, entry, 0);
-    vec3 lamp = texelFetch(face_table, entry + ivec2(0, 1), 0).xyz;
+    vec4 lamp_and_density = texelFetch(face_table, entry + ivec2(0, 1), 0);
+    vec3 lamp = lamp_and_density.xyz;
+    float density = lamp_and_density.w;
     vec3 normal = (texelFetch(normals, at, 0).xyz * 255.0 - 128.0) / 127.0;
     vec3 ray = pixel_to_ray * vec3(gl_FragCoord.xy, 1.0);
-    vec2 tile = texelFetch(uvs, at, 0).xy * (texels_per_metre / block.z);
-    vec3 texture_color = look_up(block, tile, level_of_detail(normal, ray, z));
+    vec2 tile = texelFetch(uvs, at, 0).xy * (density / block.z);
+    float level = level_of_detail(normal, ray, z) + log2(density / texels_per_metre);
+    vec3 texture_color = look_up(block, tile, level);
     vec3 lit = texture_color * light(normal, lamp - (eye + ray * z));
     color = face == 0 ? vec4(0.0) : vec4(lit, 1.0);
 }}

@@ -4,20 +4,22 @@ NumPy only. Which texture goes on a mesh, and how large one tile of it is, is th
 """
 
 import math
-from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
 from langwm_data.scenes.geometry import quat_matrix
-from langwm_data.scenes.spec import IDENTITY, PartSpec, Quat, SceneSpec, Vec3
+from langwm_data.scenes.spec import IDENTITY, PartSpec, Quat, Vec3
 
 MAX_CHORD_ERROR_M = 0.003
 """How far a round side may lie inside the true circle."""
 MIN_SEGMENTS, MAX_SEGMENTS = 8, 32
+_UPRIGHT = 0.99
+"""A face of a hull is level where its normal's z is larger; it then has no upward direction of its own."""
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -36,7 +38,8 @@ class Mesh:
     triangles: Ints
     """(T, 3), indices of vertices."""
     faces: Ints
-    """(V,), from 0: the flat or smoothly curved face that a vertex belongs to. Each face is convex."""
+    """(V,), from 0: the flat or smoothly curved face that a vertex belongs to. Each is convex, but those of
+    ``scene_mesh``'s assets need not be."""
 
     @property
     def num_faces(self) -> int:
@@ -58,25 +61,6 @@ class Mesh:
         )
 
 
-@dataclass(frozen=True, kw_only=True)
-class MeshGroup:
-    """What one instance shows of one material slot, in world coordinates."""
-
-    instance: int
-    slot: int
-    mesh: Mesh
-
-
-def scene_groups(scene: SceneSpec) -> list[MeshGroup]:
-    """All triangles of a scene, one group for each pair of instance and slot, in a fixed order."""
-    surfaces = {s.instance for s in scene.surfaces}
-    meshes: defaultdict[tuple[int, int], list[Mesh]] = defaultdict(list)
-    for instance, position, orientation, part in scene.iter_parts():
-        mesh = part_mesh(part, along_grain=instance not in surfaces)
-        meshes[instance, part.slot].append(mesh.transformed(position, orientation))
-    return [MeshGroup(instance=i, slot=s, mesh=concatenate(meshes[i, s])) for i, s in sorted(meshes)]
-
-
 def part_mesh(part: PartSpec, *, along_grain: bool = False) -> Mesh:
     """One part as triangles in the frame of its owner.
 
@@ -89,6 +73,8 @@ def part_mesh(part: PartSpec, *, along_grain: bool = False) -> Mesh:
         # The part's place in its owner sets the phase, so that textures run on across coplanar pieces.
         offset = quat_matrix(part.orientation).T @ np.asarray(part.position)
         mesh = _box(part.size, offset, along_grain=along_grain)
+    elif part.shape == "hull":
+        mesh = _hull(part.points)
     elif part.shape == "ellipsoid":
         mesh = _ellipsoid(part.size)
     else:
@@ -212,6 +198,28 @@ def _cap(ring: Floats, z: float, *, up: bool) -> Mesh:
         uvs=points * ([1, 1] if up else [1, -1]),
         triangles=fan if up else fan[:, ::-1].copy(),
         faces=np.zeros(num, np.int32),
+    )
+
+
+@lru_cache(maxsize=4096)
+def _hull(points: tuple[Vec3, ...]) -> Mesh:
+    hull = ConvexHull(np.asarray(points))
+    planes, face_of = np.unique(hull.equations, axis=0, return_inverse=True)
+    order = np.argsort(face_of, kind="stable")
+    corners, normals = hull.points[hull.simplices[order]], planes[face_of[order], :3]
+    turn = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    is_inward = np.einsum("tk,tk->t", turn, normals) < 0
+    corners[is_inward] = corners[is_inward, ::-1]
+    right = np.cross((0.0, 0.0, 1.0), normals)
+    right[np.abs(normals[:, 2]) > _UPRIGHT] = (1.0, 0.0, 0.0)
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    axes = np.stack([right, np.cross(normals, right)], axis=1)
+    return Mesh(
+        vertices=corners.reshape(-1, 3),
+        normals=np.repeat(normals, 3, axis=0),
+        uvs=np.einsum("tck,tdk->tcd", corners, axes).reshape(-1, 2),
+        triangles=np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3),
+        faces=np.repeat(face_of[order], 3).astype(np.int32),
     )
 
 

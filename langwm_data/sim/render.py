@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from langwm_data.config import RenderConfig
 from langwm_data.config_io import ConfigError
+from langwm_data.scenes.assets import NO_ASSETS, Assets
 from langwm_data.scenes.spec import MaterialRef, SceneSpec
 from langwm_data.sim.camera import Camera
 from langwm_data.sim.lights import Lights
@@ -85,20 +86,25 @@ class BlindRenderer:
         """Nothing to free."""
 
 
-def make_renderer(config: RenderConfig) -> Renderer:
-    """The renderer that ``config`` asks for. Engines are imported only when one is made."""
+def make_renderer(config: RenderConfig, assets: Assets = NO_ASSETS) -> Renderer:
+    """The renderer that ``config`` asks for. Engines are imported only when one is made.
+
+    Args:
+        config: Which one, and how it draws.
+        assets: Where the meshes and pictures of its scenes lie.
+    """
     backend = resolve_backend(config).backend
     if backend == "gl":
         from langwm_data.sim.render_gl import GlRenderer
 
-        return GlRenderer(config)
+        return GlRenderer(config, assets)
     if backend == "embree":
         from langwm_data.sim.render_embree import EmbreeRenderer
 
-        return EmbreeRenderer(config)
+        return EmbreeRenderer(config, assets)
     from langwm_data.sim.render_tiny import TinyRenderer
 
-    return TinyRenderer(config)
+    return TinyRenderer(config, assets)
 
 
 def resolve_backend(config: RenderConfig) -> RenderConfig:

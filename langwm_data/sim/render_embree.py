@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from langwm_data.config import RenderConfig
+from langwm_data.scenes.assets import NO_ASSETS, Assets
 from langwm_data.scenes.spec import MaterialRef, SceneSpec
 from langwm_data.sim.antialias import QUARTERS, find_open_quarters, smooth_edges
-from langwm_data.sim.atlas import Atlas, Blocks, look_up
+from langwm_data.sim.atlas import Atlas, Blocks, look_up, texel_density
 from langwm_data.sim.camera import Camera
 from langwm_data.sim.lights import Lights
 from langwm_data.sim.render import Frame
@@ -55,6 +56,9 @@ class RayCaster:
         corners[:, 1:] -= corners[:, :1]
         self._corners = np.zeros((15, len(corners) + 1), np.float32)
         self._corners[:, :-1] = corners.reshape(-1, 15).T
+        # Zero for triangles that are only ever seen from before: their normals stay as they are.
+        self._behind = np.zeros((3, len(corners) + 1), np.float32)
+        self._behind[:, :-1] = (mesh.planes[:, :3] * mesh.is_two_sided[:, None]).T
 
     def faces(self, camera: Camera, rays: Floats) -> Ints:
         """The face (N,) that each ray (N, 3) hits; 0 for none."""
@@ -69,6 +73,8 @@ class RayCaster:
         depth[face == 0] = 0
         first, second, third = self._corners.take(triangle, axis=1, mode="wrap").reshape(3, 5, -1)
         normal_and_uv = first + u * second + v * third
+        is_from_behind = np.einsum("kn,nk->n", self._behind.take(triangle, axis=1, mode="wrap"), rays) > 0
+        normal_and_uv[:3, is_from_behind] *= -1
         return Surfaces(depth=depth, face=face, normal=normal_and_uv[:3], uv=normal_and_uv[3:])
 
 
@@ -100,17 +106,18 @@ class EmbreeRenderer:
 
     name = "embree"
 
-    def __init__(self, config: RenderConfig) -> None:
+    def __init__(self, config: RenderConfig, assets: Assets = NO_ASSETS) -> None:
         self._config = config
+        self._assets = assets
         self._lights = Lights.of(config.lights)
         self._store = _texture_store(config.texture_px)
         self._scene: SceneSpec | None = None
 
     def load(self, scene: SceneSpec) -> None:
         """Replace the scene held."""
-        self._scene, self._mesh = scene, scene_mesh(scene)
+        self._scene, self._mesh = scene, scene_mesh(scene, self._assets)
         self._caster = _ray_caster(self._mesh)
-        self._blocks = Blocks(self._store.atlas, scene.palette)
+        self._use_palette()
 
     def set_palette(self, palette: Sequence[MaterialRef]) -> None:
         """Change the materials of the scene held, keeping its geometry.
@@ -120,7 +127,7 @@ class EmbreeRenderer:
         """
         assert self._scene is not None, "load a scene first"
         self._scene = self._scene.with_palette(palette)
-        self._blocks = Blocks(self._store.atlas, self._scene.palette)
+        self._use_palette()
 
     def set_lights(self, lights: Lights) -> None:
         """Change the lights, keeping the scene and its materials."""
@@ -146,14 +153,21 @@ class EmbreeRenderer:
         """Forget the scene held; a second call does nothing."""
         self._scene = None
 
+    def _use_palette(self) -> None:
+        assert self._scene is not None
+        textures = [*self._scene.palette, *self._mesh.own]
+        self._blocks = Blocks(self._store.atlas, textures, self._assets)
+
     def _shade(self, camera: Camera, ray: Floats, hit: Surfaces) -> NDArray[np.uint8]:
         """Colours (N, 3) of what rays (3, N) hit."""
-        slot = self._mesh.face_slot[hit.face]
-        self._blocks.fill_seen(slot)
-        block = self._blocks.table.T.take(slot, axis=1)
+        texture = self._mesh.face_texture[hit.face]
+        self._blocks.fill_seen(texture)
+        block = self._blocks.table.T.take(texture, axis=1)
         texture_px = self._config.texture_px
+        density = texel_density(self._mesh.face_tile_m[hit.face], block[2], texture_px)
         level = level_of_detail(hit.normal, ray, hit.depth, texture_px / camera.focal_px)
-        color = look_up(self._store.picture, block, hit.uv * (texture_px / block[2]), level)
+        level += np.log2(density / texture_px)
+        color = look_up(self._store.picture, block, hit.uv * (density / block[2]), level)
         eye = np.asarray(camera.position, np.float32)[:, None]
         to_lamp = self._mesh.face_lamp.T.take(hit.face, axis=1)
         to_lamp -= eye + ray * hit.depth

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from langwm_data.config import RenderConfig
+from langwm_data.scenes.assets import NO_ASSETS, Assets
 from langwm_data.scenes.spec import MaterialRef, SceneSpec
 from langwm_data.sim.antialias import QUARTERS, OpenQuarters, find_open_quarters, smooth_edges
-from langwm_data.sim.atlas import Blocks
+from langwm_data.sim.atlas import Blocks, texel_density
 from langwm_data.sim.camera import Camera
 from langwm_data.sim.gl_device import FACE_COLUMNS, Targets, gl_device
 from langwm_data.sim.lights import Lights
@@ -26,8 +27,9 @@ class GlRenderer:
 
     name = "gl"
 
-    def __init__(self, config: RenderConfig) -> None:
+    def __init__(self, config: RenderConfig, assets: Assets = NO_ASSETS) -> None:
         self._config = config
+        self._assets = assets
         self._lights = Lights.of(config.lights)
         self._device = gl_device(config.egl_device)
         self._atlas, self._picture = self._device.atlas(config.texture_px)
@@ -36,7 +38,7 @@ class GlRenderer:
     def load(self, scene: SceneSpec) -> None:
         """Replace the scene held."""
         self.close()
-        self._scene, self._mesh = scene, scene_mesh(scene)
+        self._scene, self._mesh = scene, scene_mesh(scene, self._assets)
         make, mesh = self._device.context, self._mesh
         vertices = make.buffer(_vertex_data(mesh))
         self._indices = make.buffer(reserve=mesh.triangles.nbytes)
@@ -44,7 +46,7 @@ class GlRenderer:
         self._surfaces = make.vertex_array(self._device.surfaces, [layout], index_buffer=self._indices)
         layout = (vertices, "3f 20x 1f", "position", "face")
         self._faces = make.vertex_array(self._device.faces, [layout], index_buffer=self._indices)
-        rows = 2 * -(-len(mesh.face_slot) // FACE_COLUMNS)
+        rows = 2 * -(-len(mesh.face_texture) // FACE_COLUMNS)
         self._face_table = make.texture((FACE_COLUMNS, rows), 4, dtype="f4")
         self._held = [self._surfaces, self._faces, vertices, self._indices, self._face_table]
         self._use_palette()
@@ -73,7 +75,7 @@ class GlRenderer:
         surface = np.empty((camera.height, camera.width, 2), np.float32)
         targets.centers.read_into(surface, components=2, dtype="f4", alignment=1)
         faces = surface[..., 1].astype(np.int32)
-        is_seen = np.zeros(len(self._mesh.face_slot), np.bool_)
+        is_seen = np.zeros(len(self._mesh.face_texture), np.bool_)
         is_seen[faces] = True
         self._place_textures(is_seen)
         device.shade(targets, {"atlas": self._picture, "face_table": self._face_table})
@@ -93,7 +95,7 @@ class GlRenderer:
         self._held = []
 
     def _use_palette(self) -> None:
-        self._blocks = Blocks(self._atlas, self._scene.palette)
+        self._blocks = Blocks(self._atlas, [*self._scene.palette, *self._mesh.own], self._assets)
 
     def _draw(self, target: Any, drawn: Any, triangles: NDArray[np.int32]) -> None:  # noqa: ANN401
         if len(triangles):
@@ -101,8 +103,8 @@ class GlRenderer:
         self._device.draw(target, drawn, len(triangles))
 
     def _place_textures(self, is_seen: NDArray[np.bool_]) -> None:
-        if self._blocks.fill_seen(self._mesh.face_slot[is_seen]):
-            self._face_table.write(_face_table(self._mesh, self._blocks.table))
+        if self._blocks.fill_seen(self._mesh.face_texture[is_seen]):
+            self._face_table.write(_face_table(self._mesh, self._blocks.table, self._config.texture_px))
 
     def _set_camera(self, camera: Camera) -> None:
         world_to_clip = _by_columns(_world_to_clip(camera))
@@ -133,13 +135,14 @@ def _vertex_data(mesh: SceneMesh) -> NDArray[np.float32]:
     return np.column_stack([mesh.vertices, mesh.normals, mesh.uvs, mesh.faces]).astype(np.float32)
 
 
-def _face_table(mesh: SceneMesh, blocks: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Block and lamp of each face, as ``gl_device`` lays them out."""
-    num_faces = len(mesh.face_slot)
+def _face_table(mesh: SceneMesh, blocks: NDArray[np.float32], texture_px: int) -> NDArray[np.float32]:
+    """Block, lamp and density of texels of each face, as ``gl_device`` lays them out."""
+    num_faces = len(mesh.face_texture)
     rows = -(-num_faces // FACE_COLUMNS)
     table = np.zeros((2, rows * FACE_COLUMNS, 4), np.float32)
-    table[0, :num_faces] = blocks[mesh.face_slot]
+    table[0, :num_faces] = blocks[mesh.face_texture]
     table[1, :num_faces, :3] = mesh.face_lamp
+    table[1, :num_faces, 3] = texel_density(mesh.face_tile_m, table[0, :num_faces, 2], texture_px)
     return np.ascontiguousarray(table.reshape(2, rows, FACE_COLUMNS, 4).swapaxes(0, 1))
 
 

@@ -1,12 +1,12 @@
 """TinyRenderer, PyBullet's software rasteriser, behind the renderer protocol.
 
-Every (instance, slot) group of triangles is one body. Geometry is loaded once for each scene; a new
-palette only changes textures, and not before the next frame is drawn.
+Every group of triangles of one instance and one texture is one body. Geometry is loaded once for each
+scene; a new palette only changes textures, and not before the next frame is drawn.
 """
 
 import dataclasses
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 
 from langwm_data.config import RenderConfig
 from langwm_data.config_io import ConfigError
+from langwm_data.scenes.assets import NO_ASSETS, Assets
 from langwm_data.scenes.spec import MaterialRef, SceneSpec
-from langwm_data.scenes.textures import texture_image, tile_size_m
 from langwm_data.sim.bullet import import_pybullet, quiet
 from langwm_data.sim.camera import Camera
 from langwm_data.sim.lights import Lights
-from langwm_data.sim.mesh import Mesh, scene_groups
 from langwm_data.sim.render import Frame
+from langwm_data.sim.scene_mesh import SceneMesh, scene_mesh
+from langwm_data.sim.texture import Texture, texture_picture, texture_tile_m
 
 PATCH_M = 2.0
 """Extent of every image given to PyBullet: a whole number of tiles of any material, so that texture
@@ -32,13 +33,16 @@ LIGHT_DIRECTION = (0.64, 0.38, 0.67)
 """Towards the light, in world axes; all six directions of walls, floor and ceiling differ in brightness."""
 AMBIENT, DIFFUSE = 0.6, 0.4
 
+Floats = NDArray[np.float64]
+
 
 @dataclass(frozen=True, kw_only=True)
 class Model:
-    """The file with the triangles of one instance and slot."""
+    """The file with the triangles of one instance and one texture."""
 
     instance: int
-    slot: int
+    texture: int
+    """As ``SceneMesh.face_texture``."""
     path: Path
 
 
@@ -47,27 +51,29 @@ class TinyRenderer:
 
     name = "tiny"
 
-    def __init__(self, config: RenderConfig) -> None:
+    def __init__(self, config: RenderConfig, assets: Assets = NO_ASSETS) -> None:
         self._config = config
+        self._assets = assets
         self._bullet = import_pybullet()
         with quiet():
             self._client: int = self._bullet.connect(self._bullet.DIRECT)
         self._folder = tempfile.TemporaryDirectory(prefix="langwm-tiny-")
         self._models: dict[SceneSpec, list[Model]] = {}
         """Files of the scenes seen so far; the key has no palette."""
-        self._textures: dict[MaterialRef, int] = {}
+        self._textures: dict[Texture, int] = {}
+        self._files: dict[Texture, Path] = {}
         self._bodies: list[tuple[int, int]] = []
-        """Body and slot of every group."""
+        """Body and texture of every group."""
         self._instance_of_body = np.zeros(1, np.uint16)
         self._scene: SceneSpec | None = None
-        self._shown: tuple[MaterialRef, ...] = ()
+        self._shown: tuple[Texture, ...] = ()
 
     def load(self, scene: SceneSpec) -> None:
         """Replace the scene held."""
         self._bullet.resetSimulation(physicsClientId=self._client)
         self._textures.clear()
         models = self._write_models(scene)
-        self._bodies = [(self._add(model), model.slot) for model in models]
+        self._bodies = [(self._add(model), model.texture) for model in models]
         # The last entry stays 0: PyBullet marks pixels without a body by -1.
         table = np.zeros(max((body for body, _ in self._bodies), default=-1) + 2, np.uint16)
         for (body, _), model in zip(self._bodies, models, strict=True):
@@ -129,12 +135,7 @@ class TinyRenderer:
         if geometry not in self._models:
             folder = Path(self._folder.name) / f"scene-{len(self._models)}"
             folder.mkdir()
-            models = []
-            for group in scene_groups(scene):
-                path = folder / f"{group.instance}-{group.slot}.obj"
-                path.write_text(_obj_text(group.mesh))
-                models.append(Model(instance=group.instance, slot=group.slot, path=path))
-            self._models[geometry] = models
+            self._models[geometry] = list(_write_groups(scene_mesh(scene, self._assets), folder))
         return self._models[geometry]
 
     def _add(self, model: Model) -> int:
@@ -147,44 +148,72 @@ class TinyRenderer:
         )
 
     def _show_palette(self) -> None:
-        palette = self._scene.palette if self._scene else ()
-        if palette == self._shown:
+        scene = self._scene
+        if scene is None or scene.palette == self._shown:
             return
-        for body, slot in self._bodies:
-            texture = self._texture(palette[slot])
+        textures = (*scene.palette, *scene_mesh(scene, self._assets).own)
+        for body, number in self._bodies:
             self._bullet.changeVisualShape(
-                body, -1, textureUniqueId=texture, rgbaColor=(1, 1, 1, 1), physicsClientId=self._client
+                body,
+                -1,
+                textureUniqueId=self._texture(textures[number]),
+                rgbaColor=(1, 1, 1, 1),
+                physicsClientId=self._client,
             )
-        self._shown = palette
+        self._shown = scene.palette
 
-    def _texture(self, material: MaterialRef) -> int:
-        if material not in self._textures:
-            # PyBullet reads textures from files only; of its formats BMP is the quickest to read.
-            path = Path(self._folder.name) / f"{material.category}-{material.id}.bmp"
-            if not path.exists():
-                cv2.imwrite(str(path), _patch(material, self._config.texture_px)[..., ::-1])
-            self._textures[material] = self._bullet.loadTexture(str(path), physicsClientId=self._client)
-        return self._textures[material]
+    def _texture(self, texture: Texture) -> int:
+        if texture not in self._textures:
+            if texture not in self._files:
+                # PyBullet reads textures from files only; of its formats BMP is the quickest to read.
+                path = Path(self._folder.name) / f"texture-{len(self._files)}.bmp"
+                cv2.imwrite(str(path), self._patch(texture)[..., ::-1])
+                self._files[texture] = path
+            path = self._files[texture]
+            self._textures[texture] = self._bullet.loadTexture(str(path), physicsClientId=self._client)
+        return self._textures[texture]
+
+    def _patch(self, texture: Texture) -> NDArray[np.uint8]:
+        """A texture as PyBullet gets it: a material of the palette repeated over ``PATCH_M`` metres."""
+        picture = texture_picture(texture, self._assets, self._config.texture_px)
+        if not isinstance(texture, MaterialRef):
+            return picture
+        tile_m = texture_tile_m(texture)
+        repeats = round(PATCH_M / tile_m)
+        assert repeats * tile_m == PATCH_M, texture.category
+        return np.tile(picture, (repeats, repeats, 1))
 
 
-def _obj_text(mesh: Mesh) -> str:
-    """A mesh as a Wavefront file, texture coordinates in units of ``PATCH_M``."""
-    uvs = mesh.uvs / PATCH_M
+def _write_groups(mesh: SceneMesh, folder: Path) -> Iterator[Model]:
+    """A file for each instance and texture, in their order."""
+    face = mesh.faces[mesh.triangles[:, 0]]
+    tile_m = np.where(mesh.face_tile_m > 0, mesh.face_tile_m, PATCH_M)
+    keys = np.stack([mesh.face_instance[face], mesh.face_texture[face]], axis=1)
+    groups, group_of = np.unique(keys, axis=0, return_inverse=True)
+    for number, (instance, texture) in enumerate(groups.tolist()):
+        mine = np.flatnonzero(group_of == number)
+        used, triangles = np.unique(mesh.triangles[mine], return_inverse=True)
+        path = folder / f"{instance}-{texture}.obj"
+        path.write_text(
+            _obj_text(
+                mesh.vertices[used].astype(np.float64),
+                mesh.normals[used].astype(np.float64),
+                mesh.uvs[used] / tile_m[mesh.faces[used]][:, None],
+                triangles.reshape(-1, 3),
+            )
+        )
+        yield Model(instance=instance, texture=texture, path=path)
+
+
+def _obj_text(vertices: Floats, normals: Floats, uvs: Floats, triangles: NDArray[np.intp]) -> str:
+    """A mesh as a Wavefront file, texture coordinates in widths of the texture."""
     # TinyRenderer wraps positive coordinates only.
     uvs = uvs - np.floor(uvs.min(axis=0))
-    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.vertices.tolist()]
+    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices.tolist()]
     lines += [f"vt {u:.9g} {v:.9g}" for u, v in uvs.tolist()]
-    lines += [f"vn {x:.9g} {y:.9g} {z:.9g}" for x, y, z in _wrapped_normals(mesh.normals).tolist()]
-    lines += [f"f {a}/{a}/{a} {b}/{b}/{b} {c}/{c}/{c}" for a, b, c in (mesh.triangles + 1).tolist()]
+    lines += [f"vn {x:.9g} {y:.9g} {z:.9g}" for x, y, z in _wrapped_normals(normals).tolist()]
+    lines += [f"f {a}/{a}/{a} {b}/{b}/{b} {c}/{c}/{c}" for a, b, c in (triangles + 1).tolist()]
     return "\n".join(lines) + "\n"
-
-
-def _patch(material: MaterialRef, px_per_m: int) -> NDArray[np.uint8]:
-    """A texture repeated over ``PATCH_M`` metres."""
-    tile_m = tile_size_m(material.category)
-    repeats = round(PATCH_M / tile_m)
-    assert repeats * tile_m == PATCH_M, material.category
-    return np.tile(texture_image(material, round(tile_m * px_per_m)), (repeats, repeats, 1))
 
 
 def _wrapped_normals(normals: NDArray[np.float64]) -> NDArray[np.float64]:

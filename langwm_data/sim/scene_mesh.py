@@ -1,19 +1,34 @@
 """All triangles of a scene as flat arrays, and which of them a camera can see.
 
-NumPy only; shared by the renderers that draw from memory. Materials are not part of it: vertices name
-slots, so one mesh serves every palette.
+NumPy only; shared by the renderers. The materials in the slots are not part of it: faces name textures by
+number, the slots first, then the own materials of meshes; so one mesh serves every palette.
 """
 
 import dataclasses
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from langwm_data.scenes.spec import RoomSpec, SceneSpec
+from langwm_data.scenes.assets import NO_ASSETS, Assets
+from langwm_data.scenes.meshes.triangles import Material
+from langwm_data.scenes.spec import (
+    IDENTITY,
+    OWN,
+    ObjectSpec,
+    PartSpec,
+    Quat,
+    RoomSpec,
+    SceneSpec,
+    SurfaceSpec,
+    Vec3,
+)
+from langwm_data.sim.asset_mesh import AssetMesh, asset_mesh
 from langwm_data.sim.camera import Camera
-from langwm_data.sim.mesh import concatenate, part_mesh
+from langwm_data.sim.mesh import Mesh, concatenate, part_mesh
 
 LAMP_BELOW_CEILING_M = 0.35
 
@@ -26,7 +41,7 @@ Ints = NDArray[np.int32]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SceneMesh:
-    """Triangles in world coordinates, parts in the order of ``SceneSpec.iter_parts``."""
+    """Triangles in world coordinates: parts and meshes of surfaces, then of objects, in their order."""
 
     vertices: Floats
     """(V, 3), metres."""
@@ -40,81 +55,165 @@ class SceneMesh:
     """(V,), from 1; 0 stands for the background."""
     face_instance: NDArray[np.uint16]
     """(F + 1,), the instance id of each face; 0 for the background."""
-    face_slot: Ints
-    """(F + 1,), the material slot of each face."""
+    face_texture: Ints
+    """(F + 1,), the texture of each face: a material slot, or past the last slot one of ``own``."""
+    face_tile_m: Floats
+    """(F + 1,), metres that one width of its own texture covers; 0 where the material of a slot decides."""
     face_lamp: Floats
     """(F + 1, 3), metres: the lamp that lights each face, which is that of its room."""
+    own: tuple[Material, ...]
+    """Materials that meshes bring along, each once."""
     planes: NDArray[np.float64]
     """(T, 4): a point x is before the triangle where planes @ (x, 1) > 0."""
-    part_triangles: NDArray[np.int64]
-    """(P,), how many triangles each part has."""
-    part_center: NDArray[np.float64]
-    """(P, 3), of the axis-aligned box around each part, metres."""
-    part_half: NDArray[np.float64]
+    is_two_sided: NDArray[np.bool_]
+    """(T,), whether a triangle can be seen from behind."""
+    piece_triangles: NDArray[np.int64]
+    """(P,), how many triangles each part or mesh has."""
+    piece_center: NDArray[np.float64]
+    """(P, 3), of the axis-aligned box around each, metres."""
+    piece_half: NDArray[np.float64]
     """(P, 3), half the extent of that box, metres."""
 
     def visible_triangles(self, camera: Camera) -> Ints:
-        """(N, 3): triangles that turn towards the camera, of parts that reach into its field of view."""
+        """(N, 3): triangles that turn towards the camera, of pieces that reach into its field of view."""
         eye = np.append(camera.position, 1.0)
-        is_seen = np.repeat(self._parts_in_view(camera), self.part_triangles)
-        is_seen &= self.planes @ eye > 0
+        is_seen = np.repeat(self._pieces_in_view(camera), self.piece_triangles)
+        is_seen &= (self.planes @ eye > 0) | self.is_two_sided
         return self.triangles[is_seen]
 
-    def _parts_in_view(self, camera: Camera) -> NDArray[np.bool_]:
+    def _pieces_in_view(self, camera: Camera) -> NDArray[np.bool_]:
         normals, offsets = _frustum_planes(camera)
-        distance = self.part_center @ normals.T + offsets
-        return np.all(distance + self.part_half @ np.abs(normals).T > 0, axis=1)
+        distance = self.piece_center @ normals.T + offsets
+        return np.all(distance + self.piece_half @ np.abs(normals).T > 0, axis=1)
 
 
-def scene_mesh(scene: SceneSpec) -> SceneMesh:
-    """The triangles of a scene; those of the last scenes asked for are kept, whatever their palette."""
-    return _scene_mesh(dataclasses.replace(scene, palette=()))
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Piece:
+    """One part, or one mesh, in world coordinates."""
+
+    owner: SurfaceSpec | ObjectSpec
+    mesh: Mesh
+    textures: Ints
+    """(F,), as ``SceneMesh.face_texture``."""
+    tile_m: NDArray[np.float64]
+    """(F,), as ``SceneMesh.face_tile_m``."""
+    is_two_sided: bool
+
+
+_Pose = tuple[Vec3, Quat]
+
+
+def scene_mesh(scene: SceneSpec, assets: Assets = NO_ASSETS) -> SceneMesh:
+    """The triangles of a scene; those of the last scenes asked for are kept, whatever their palette.
+
+    Raises:
+        ValueError: If a mesh of the scene is missing or damaged.
+    """
+    return _scene_mesh(dataclasses.replace(scene, palette=()), assets)
 
 
 @lru_cache(maxsize=SCENES_KEPT)
-def _scene_mesh(scene: SceneSpec) -> SceneMesh:
-    surfaces = {s.instance for s in scene.surfaces}
-    owners = list(scene.iter_parts())
-    meshes = [
-        part_mesh(part, along_grain=instance not in surfaces).transformed(position, orientation)
-        for instance, position, orientation, part in owners
-    ]
-    whole = concatenate(meshes)
+def _scene_mesh(scene: SceneSpec, assets: Assets) -> SceneMesh:
+    own: dict[Material, int] = {}
+    pieces = list(_pieces(scene, assets, own))
+    whole = concatenate([piece.mesh for piece in pieces])
     corner, second, third = np.moveaxis(whole.vertices[whole.triangles], 1, 0)
     normal = np.cross(second - corner, third - corner)
-    bounds = np.array([(m.vertices.min(axis=0), m.vertices.max(axis=0)) for m in meshes])
-    num_faces = [m.num_faces for m in meshes]
+    bounds = np.array([(p.mesh.vertices.min(axis=0), p.mesh.vertices.max(axis=0)) for p in pieces])
     center = bounds.mean(axis=1)
+    num_triangles = np.array([len(p.mesh.triangles) for p in pieces])
+    num_faces = np.array([p.mesh.num_faces for p in pieces])
+    instances = np.array([p.owner.instance for p in pieces])
+    lamps = np.array(_lamps(scene, pieces, center))
     return SceneMesh(
         vertices=whole.vertices.astype(np.float32),
         normals=whole.normals.astype(np.float32),
         uvs=whole.uvs.astype(np.float32),
         triangles=whole.triangles,
         faces=whole.faces + 1,
-        face_instance=_per_face([o[0] for o in owners], num_faces).astype(np.uint16),
-        face_slot=_per_face([o[3].slot for o in owners], num_faces).astype(np.int32),
-        face_lamp=_per_face(_lamps(scene, center), num_faces).astype(np.float32),
+        face_instance=_after_background(instances.repeat(num_faces).astype(np.uint16)),
+        face_texture=_after_background(np.concatenate([p.textures for p in pieces])),
+        face_tile_m=_after_background(np.concatenate([p.tile_m for p in pieces]).astype(np.float32)),
+        face_lamp=_after_background(lamps.repeat(num_faces, axis=0).astype(np.float32)),
+        own=tuple(own),
         planes=np.column_stack([normal, -(normal * corner).sum(axis=1)]),
-        part_triangles=np.array([len(m.triangles) for m in meshes]),
-        part_center=center,
-        part_half=bounds[:, 1] - center,
+        is_two_sided=np.repeat([p.is_two_sided for p in pieces], num_triangles),
+        piece_triangles=num_triangles,
+        piece_center=center,
+        piece_half=bounds[:, 1] - center,
     )
 
 
-def _per_face(values: list[int] | NDArray[np.float64], num_faces: list[int]) -> NDArray[np.float64]:
-    """Values of parts as values of faces, the background first."""
-    repeated = np.repeat(np.asarray(values, np.float64), num_faces, axis=0)
-    return np.concatenate([np.zeros_like(repeated[:1]), repeated])
+def _pieces(scene: SceneSpec, assets: Assets, own: dict[Material, int]) -> Iterator[_Piece]:
+    """What is drawn; the own materials of meshes are numbered in ``own`` as they come."""
+    origin = ((0.0, 0.0, 0.0), IDENTITY)
+    for s in scene.surfaces:
+        if s.mesh is not None:
+            yield _mesh_piece(scene, s, origin, asset_mesh(assets.mesh(s.mesh.name)), own)
+        elif s.part is not None and s.is_seen:
+            yield _part_piece(s, origin, s.part)
+    for o in scene.objects:
+        pose = (o.position, o.orientation)
+        if o.mesh is not None:
+            yield _mesh_piece(scene, o, pose, asset_mesh(assets.mesh(o.mesh.name)), own)
+        else:
+            for part in o.parts:
+                yield _part_piece(o, pose, part)
 
 
-def _lamps(scene: SceneSpec, part_center: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(P, 3): under the middle of the ceiling of the room of each part; right above it in no room."""
+def _part_piece(owner: SurfaceSpec | ObjectSpec, pose: _Pose, part: PartSpec) -> _Piece:
+    mesh = part_mesh(part, along_grain=isinstance(owner, ObjectSpec)).transformed(*pose)
+    return _Piece(
+        owner=owner,
+        mesh=mesh,
+        textures=np.full(mesh.num_faces, part.slot, np.int32),
+        tile_m=np.zeros(mesh.num_faces),
+        is_two_sided=False,
+    )
+
+
+def _mesh_piece(
+    scene: SceneSpec,
+    owner: SurfaceSpec | ObjectSpec,
+    pose: _Pose,
+    drawn: AssetMesh,
+    own: dict[Material, int],
+) -> _Piece:
+    assert owner.mesh is not None
+    if len(owner.mesh.slots) != len(drawn.materials):
+        raise ValueError(
+            f"scene {scene.name!r}: mesh {owner.mesh.name} has {len(drawn.materials)} groups of triangles;"
+            f" slots are named for {len(owner.mesh.slots)}"
+        )
+    textures = [
+        len(scene.slots) + own.setdefault(material, len(own)) if slot == OWN else slot
+        for slot, material in zip(owner.mesh.slots, drawn.materials, strict=True)
+    ]
+    is_own = np.array(owner.mesh.slots) == OWN
+    return _Piece(
+        owner=owner,
+        mesh=drawn.mesh.transformed(*pose),
+        textures=np.array(textures, np.int32)[drawn.face_group],
+        tile_m=drawn.face_tile_m * is_own[drawn.face_group],
+        is_two_sided=True,
+    )
+
+
+def _after_background(values: NDArray[Any]) -> NDArray[Any]:
+    """Values of faces, a zero for the background first."""
+    return np.concatenate([np.zeros_like(values[:1]), values])
+
+
+def _lamps(
+    scene: SceneSpec, pieces: list[_Piece], center: NDArray[np.float64]
+) -> list[tuple[float, float, float]]:
+    """Under the middle of the ceiling of the room of each piece; right above it in no room."""
     height = scene.height_m - LAMP_BELOW_CEILING_M
     rooms = {room.name: (*_middle(room), height) for room in scene.rooms}
-    names = [s.room for s in scene.surfaces]
-    names += [o.room for o in scene.objects for _ in o.parts]
-    own = [rooms.get(name, (x, y, height)) for name, (x, y, _) in zip(names, part_center, strict=True)]
-    return np.array(own)
+    middles = center.tolist()
+    return [
+        rooms.get(piece.owner.room, (x, y, height)) for piece, (x, y, _) in zip(pieces, middles, strict=True)
+    ]
 
 
 def _middle(room: RoomSpec) -> tuple[float, float]:

@@ -66,8 +66,8 @@ def check_contacts(scene: SceneSpec) -> None:
 
 
 def _describe(scene: SceneSpec, instance: int) -> str:
-    category, model = scene.instances()[instance]
-    return f"{category} {instance} ({model})"
+    name = scene.instances()[instance]
+    return f"{name.category} {instance} ({name.model})"
 
 
 def _check_landing(scene: SceneSpec, obj: ObjectSpec, position: Vec3, orientation: Quat) -> None:

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from langwm_data import render_dataset
-from langwm_data.baking import load_home
+from langwm_data.baking import open_scenes
 from langwm_data.config import DatasetConfig, ScenesConfig
 from langwm_data.config_io import ConfigError, build_config
 from langwm_data.pipeline import fingerprint
@@ -35,22 +35,22 @@ def name(folder):
 
 
 def test_a_home_that_is_read_equals_the_one_that_is_settled(folder, name):
-    assert load_home(name, ScenesConfig(baked=str(folder))) == bake_home(name, seed=0)
+    assert open_scenes(ScenesConfig(baked=str(folder))).load(name) == bake_home(name, seed=0)
 
 
 def test_a_floor_that_the_dataset_lacks_is_settled(folder, name):
     other = "Rowan_0"
     assert other != name
-    assert load_home(other, ScenesConfig(baked=str(folder))) == bake_home(other, seed=0)
+    assert open_scenes(ScenesConfig(baked=str(folder))).load(other) == bake_home(other, seed=0)
 
 
 def test_reading_needs_no_physics_engine(folder, name):
     code = f"""
 import sys
 sys.modules["pybullet"] = None
-from langwm_data.baking import load_home
+from langwm_data.baking import open_scenes
 from langwm_data.config import ScenesConfig
-print(load_home({name!r}, ScenesConfig(baked={str(folder)!r})).name)
+print(open_scenes(ScenesConfig(baked={str(folder)!r})).load({name!r}).name)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == name
@@ -69,7 +69,7 @@ def test_another_seed_is_refused(folder, name):
         ConfigError,
         match=r"field 'scenes\.baked': value .* holds scenes of seed 0 by langwm [\d.]+; allowed: .*seed 3",
     ):
-        load_home(name, ScenesConfig(seed=3, baked=str(folder)))
+        open_scenes(ScenesConfig(seed=3, baked=str(folder))).load(name)
 
 
 @pytest.mark.parametrize("scenes", [None, 7, {}], ids=["missing", "no mapping", "no seed"])
@@ -78,17 +78,17 @@ def test_a_manifest_that_tells_no_seed_is_refused(folder, name, scenes, tmp_path
     document["config"]["scenes"] = scenes
     (tmp_path / "dataset.json").write_text(json.dumps(document))
     with pytest.raises(ConfigError, match="holds scenes of seed None"):
-        load_home(name, ScenesConfig(baked=str(tmp_path)))
+        open_scenes(ScenesConfig(baked=str(tmp_path))).load(name)
 
 
 def test_what_is_no_dataset_is_refused(tmp_path):
     with pytest.raises(ConfigError, match="no finished dataset at"):
-        load_home("Rowan_0", ScenesConfig(baked=str(tmp_path)))
+        open_scenes(ScenesConfig(baked=str(tmp_path))).load("Rowan_0")
 
 
 def test_unknown_homes_are_refused(folder):
     with pytest.raises(ValueError, match=r"scene '\.\./Rowan_0' is unknown"):
-        load_home("../Rowan_0", ScenesConfig(baked=str(folder)))
+        open_scenes(ScenesConfig(baked=str(folder))).load("../Rowan_0")
 
 
 def test_names_lead_to_no_other_folder(tmp_path):

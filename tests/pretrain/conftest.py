@@ -10,6 +10,8 @@ import torch
 from langwm_data.config import LabelsConfig
 from langwm_data.labels.captions import TEMPLATES
 from langwm_data.labels.instances import label_frame
+from langwm_data.scenes.spec import InstanceName
+from langwm_data.scenes.taxonomy import phrase
 from langwm_data.seeding import make_rng
 from langwm_data.shards.finish import Origin, finish_dataset
 from langwm_data.shards.manifest import CameraRecord
@@ -41,7 +43,7 @@ def draw_frame(rng):
 def make_sample(split, number):
     rng = make_rng(0, split, number)
     rgb, depth, instance = draw_frame(rng)
-    table = {i: (category, f"{category}_01") for i, category in CATEGORIES.items()}
+    table = {i: InstanceName(c, f"{c}_01", phrase(c)) for i, c in CATEGORIES.items()}
     labels = label_frame(instance, depth, table, LabelsConfig(), rng)
     pose = np.eye(4).tolist()
     meta = {

@@ -230,7 +230,7 @@ def test_fractions_are_fractions_and_belong_together(small_scene, x, y, yaw, pit
 def test_every_part_is_closed_by_its_edges(small_scene):
     """Euler's formula, and planes that have the whole part behind them."""
     scene = dataclasses.replace(small_scene, objects=(*small_scene.objects, ball_and_cone()))
-    for solid in scene_solids(scene).values():
+    for solid in scene_solids(scene).parts.values():
         for part in range(solid.num_parts):
             is_mine = solid.parts == part
             corners = np.unique(solid.ends[is_mine].reshape(-1, 3).round(6), axis=0)

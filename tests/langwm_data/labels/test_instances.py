@@ -10,13 +10,14 @@ from pycocotools import mask as coco_mask
 
 from langwm_data.config import LabelsConfig
 from langwm_data.labels.instances import is_eligible, label_frame
+from langwm_data.scenes.spec import InstanceName
 
 TABLE = {
-    5: ("door_frame", "door_frame_01"),
-    1: ("wall", "study_wall"),
-    2: ("chair", "chair_01"),
-    3: ("sofa", "sofa_02"),
-    4: ("cup", "cup_01"),
+    5: InstanceName("door_frame", "door_frame_01", "door frame"),
+    1: InstanceName("wall", "study_wall", "wall"),
+    2: InstanceName("chair", "chair_01", "chair"),
+    3: InstanceName("sofa", "sofa_02", "sofa"),
+    4: InstanceName("cup", "cup_01", "cup"),
 }
 CONFIG = LabelsConfig()
 

@@ -28,6 +28,7 @@ def make_scene() -> SceneSpec:
         orientation=IDENTITY,
         size=(1.0, 1.0, 0.5),
         parts=(box,),
+        phrase="small table",
     )
     floor = PartSpec(shape="box", size=(4.0, 4.0, 0.1), position=(2.0, 2.0, -0.05), slot=0)
     return SceneSpec(
@@ -67,7 +68,10 @@ def test_materials_read_as_in_the_papers_table():
 
 
 def test_instances_name_surfaces_and_objects():
-    assert make_scene().instances() == {1: ("floor", "kitchen_floor"), 7: ("table", "table_01")}
+    assert make_scene().instances() == {
+        1: ("floor", "kitchen_floor", "floor"),
+        7: ("table", "table_01", "small table"),
+    }
 
 
 def test_palette_of_another_size_is_refused():
@@ -78,7 +82,7 @@ def test_palette_of_another_size_is_refused():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"schema_version": 9}, "scene schema version 9; this program reads 1"),
+        ({"schema_version": 9}, "scene schema version 9; this program reads 2"),
         ({"extra": 1}, "not a scene: extra"),
         ({"height_m": "tall"}, "not a scene: height_m"),
     ],

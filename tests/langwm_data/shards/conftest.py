@@ -7,6 +7,7 @@ import pytest
 
 from langwm_data.config import LabelsConfig
 from langwm_data.labels.instances import label_frame
+from langwm_data.scenes.spec import InstanceName
 from langwm_data.shards.finish import Origin, finish_dataset
 from langwm_data.shards.manifest import CameraRecord
 from langwm_data.shards.sample import Sample
@@ -14,7 +15,11 @@ from langwm_data.shards.writer import write_shard
 
 HEIGHT, WIDTH = 24, 32
 K = [[29.0, 0.0, 16.0], [0.0, 29.0, 12.0], [0.0, 0.0, 1.0]]
-TABLE = {1: ("wall", "study_wall"), 2: ("chair", "chair_01"), 3: ("sofa", "sofa_02")}
+TABLE = {
+    1: InstanceName("wall", "study_wall", "wall"),
+    2: InstanceName("chair", "chair_01", "chair"),
+    3: InstanceName("sofa", "sofa_02", "sofa"),
+}
 EXTENT = {"visible_fraction": 0.5, "truncated_fraction": 0.0, "occluded_fraction": 0.5}
 SHARD_SIZES = {"train": (5, 5, 3), "test": (2,)}
 

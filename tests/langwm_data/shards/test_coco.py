@@ -20,6 +20,7 @@ from langwm_data.config import LabelsConfig
 from langwm_data.config_io import ConfigError
 from langwm_data.labels.instances import label_frame
 from langwm_data.labels.semantic import CATEGORY_IDS
+from langwm_data.scenes.spec import InstanceName
 from langwm_data.scenes.taxonomy import is_structure, phrase
 from langwm_data.shards.coco import export_coco, run_lengths
 from langwm_data.shards.finish import Origin, finish_dataset
@@ -30,14 +31,14 @@ from langwm_data.shards.writer import write_shard
 HEIGHT, WIDTH = 48, 64
 K = [[58.0, 0.0, 32.0], [0.0, 58.0, 24.0], [0.0, 0.0, 1.0]]
 TABLE = {
-    1: ("wall", "study_wall"),
-    2: ("wall", "hall_wall"),
-    3: ("floor", "study_floor"),
-    4: ("ceiling", "study_ceiling"),
-    5: ("door_frame", "door_frame_01"),
-    300: ("chair", "chair_01"),
-    301: ("chair", "chair_02"),
-    65535: ("sofa", "sofa_02"),
+    1: InstanceName("wall", "study_wall", "wall"),
+    2: InstanceName("wall", "hall_wall", "wall"),
+    3: InstanceName("floor", "study_floor", "floor"),
+    4: InstanceName("ceiling", "study_ceiling", "ceiling"),
+    5: InstanceName("door_frame", "door_frame_01", "door frame"),
+    300: InstanceName("chair", "chair_01", "chair"),
+    301: InstanceName("chair", "chair_02", "chair"),
+    65535: InstanceName("sofa", "sofa_02", "sofa"),
 }
 EXTENT = {"visible_fraction": 0.25, "truncated_fraction": 0.5, "occluded_fraction": 0.5}
 ANNOTATIONS = ("instances", "captions", "panoptic")

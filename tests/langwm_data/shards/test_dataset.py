@@ -137,9 +137,9 @@ def test_what_is_no_dataset_is_refused(tmp_path, folder):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("{", "schema version None; this program reads 2"),
-        ('{"schema_version": 7}', "schema version 7; this program reads 2"),
-        ('{"schema_version": 2}', "dataset.json: generator: Field required"),
+        ("{", "schema version None; this program reads 3"),
+        ('{"schema_version": 7}', "schema version 7; this program reads 3"),
+        ('{"schema_version": 3}', "dataset.json: generator: Field required"),
     ],
 )
 def test_a_damaged_manifest_is_refused(own_folder, text, message):

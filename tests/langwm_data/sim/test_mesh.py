@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from langwm_data.scenes.spec import PartSpec
-from langwm_data.sim.mesh import Mesh, part_mesh, scene_groups
+from langwm_data.sim.mesh import Mesh, part_mesh
 
 TURNED = (0.1, -0.3, 0.5, math.sqrt(1 - 0.35))
 SHAPES = ["box", "cylinder", "ellipsoid", "frustum"]
@@ -122,14 +122,14 @@ def test_faces_are_convex_and_numbered_from_zero(shape):
         assert height.max() < 1e-9
 
 
-def test_groups_hold_every_instance_and_slot_once(small_scene):
+def test_groups_hold_every_instance_and_slot_once(small_scene, scene_groups):
     groups = scene_groups(small_scene)
     keys = [(g.instance, g.slot) for g in groups]
     assert keys == sorted(set(keys))
     assert set(keys) == {(i, p.slot) for i, _, _, p in small_scene.iter_parts()}
 
 
-def test_groups_stand_in_world_coordinates(small_scene):
+def test_groups_stand_in_world_coordinates(small_scene, scene_groups):
     (cabinet,) = [g.mesh for g in scene_groups(small_scene) if g.instance == 33]
     np.testing.assert_allclose(cabinet.vertices.min(axis=0), (5.65, 1.05, 0.0), atol=1e-9)
     np.testing.assert_allclose(cabinet.vertices.max(axis=0), (6.05, 1.95, 1.2), atol=1e-9)

@@ -12,7 +12,7 @@ import pytest
 
 from langwm_data.config import CameraConfig, RenderConfig
 from langwm_data.scenes.spec import MaterialRef
-from langwm_data.sim import bullet, render_tiny
+from langwm_data.sim import bullet, texture
 from langwm_data.sim.camera import Camera
 from langwm_data.sim.render import make_renderer
 from langwm_data.sim.render_tiny import TinyRenderer
@@ -93,8 +93,8 @@ QUADRANTS = np.array([[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [255, 255, 255]]
 @pytest.mark.parametrize("yaw", [0.0, math.pi / 2, math.pi, -math.pi / 2])
 def test_textures_on_walls_are_upright_metric_and_not_mirrored(small_scene, monkeypatch, yaw):
     picture = QUADRANTS.repeat(64, axis=0).repeat(64, axis=1)
-    monkeypatch.setattr(render_tiny, "texture_image", lambda ref, size: picture)
-    monkeypatch.setattr(render_tiny, "tile_size_m", lambda category: 1.0)
+    monkeypatch.setattr(texture, "texture_image", lambda ref, size: picture)
+    monkeypatch.setattr(texture, "tile_size_m", lambda category: 1.0)
     renderer = make_renderer(RenderConfig(backend="tiny"))
     renderer.load(small_scene)
     camera = view((2.0, 1.5), yaw, position=(2.0, 1.5, 1.6))
@@ -111,9 +111,7 @@ def test_textures_on_walls_are_upright_metric_and_not_mirrored(small_scene, monk
 
 
 def test_directions_of_surfaces_differ_in_brightness(small_scene, monkeypatch):
-    monkeypatch.setattr(
-        render_tiny, "texture_image", lambda ref, size: np.full((size, size, 3), 200, np.uint8)
-    )
+    monkeypatch.setattr(texture, "texture_image", lambda ref, size: np.full((size, size, 3), 200, np.uint8))
     renderer = TinyRenderer(RenderConfig())
     renderer.load(small_scene)
     looks = [(0, 0.0), (math.pi / 2, 0.0), (math.pi, 0.0), (-math.pi / 2, 0.0), (0.0, 1.5), (0.0, -1.5)]

@@ -18,7 +18,7 @@ from langwm_data.config import CameraConfig, LightsConfig, RandomizeConfig, Rend
 from langwm_data.config_io import ConfigError
 from langwm_data.scenes.navigation import FreeSpace
 from langwm_data.scenes.spec import MaterialRef, SceneSpec
-from langwm_data.sim import atlas, gl_device, render, render_embree
+from langwm_data.sim import gl_device, render, render_embree, texture
 from langwm_data.sim.camera import Camera
 from langwm_data.sim.lights import Lights, sample_lights
 from langwm_data.sim.render import describe_renderer, make_renderer, resolve_backend
@@ -148,8 +148,8 @@ QUADRANTS = np.array([[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [255, 255, 255]]
 @pytest.mark.parametrize("yaw", [0.0, math.pi / 2, math.pi, -math.pi / 2])
 def test_textures_on_walls_are_upright_metric_and_not_mirrored(fast, small_scene, monkeypatch, yaw):
     picture = QUADRANTS.repeat(64, axis=0).repeat(64, axis=1)
-    monkeypatch.setattr(atlas, "texture_image", lambda ref, size: picture)
-    monkeypatch.setattr(atlas, "tile_size_m", lambda category: 1.0)
+    monkeypatch.setattr(texture, "texture_image", lambda ref, size: picture)
+    monkeypatch.setattr(texture, "tile_size_m", lambda category: 1.0)
     camera = view((2.0, 1.5), yaw, position=(2.0, 1.5, 1.6))
     options = {"texture_px": 128, "lights": LightsConfig(ambient=2), "is_antialiased": False}
     frame = loaded(fast, small_scene, **options).render(camera)

@@ -6,7 +6,6 @@ import numpy as np
 
 from langwm_data.config import CameraConfig
 from langwm_data.sim.camera import Camera
-from langwm_data.sim.mesh import scene_groups
 from langwm_data.sim.scene_mesh import LAMP_BELOW_CEILING_M, scene_mesh
 
 
@@ -32,10 +31,10 @@ def test_culling_leaves_out_what_is_behind_and_what_turns_away(small_scene):
     assert 0.02 < np.mean(shares) < 0.3
 
 
-def test_triangles_are_those_of_the_groups(small_scene):
+def test_triangles_are_those_of_the_groups(small_scene, scene_groups):
     mesh = scene_mesh(small_scene)
     instances = mesh.face_instance[mesh.faces[mesh.triangles[:, 0]]]
-    slots = mesh.face_slot[mesh.faces[mesh.triangles[:, 0]]]
+    slots = mesh.face_texture[mesh.faces[mesh.triangles[:, 0]]]
     for group in scene_groups(small_scene):
         own = mesh.triangles[(instances == group.instance) & (slots == group.slot)]
         expected = group.mesh.vertices[group.mesh.triangles]
@@ -45,7 +44,7 @@ def test_triangles_are_those_of_the_groups(small_scene):
 def test_no_face_is_shared_and_zero_is_nothing(small_scene):
     mesh = scene_mesh(small_scene)
     assert mesh.faces.min() == 1
-    assert mesh.faces.max() + 1 == len(mesh.face_instance) == len(mesh.face_slot) == len(mesh.face_lamp)
+    assert mesh.faces.max() + 1 == len(mesh.face_instance) == len(mesh.face_texture) == len(mesh.face_lamp)
     assert mesh.face_instance[0] == 0
     assert (mesh.faces[mesh.triangles] == mesh.faces[mesh.triangles[:, :1]]).all()
 
