@@ -35,7 +35,7 @@ from langwm_data.shards.manifest import (
     read_manifest,
 )
 from langwm_data.shards.sample import DatasetError, decode_sample, encode_sample
-from langwm_data.shards.scenes import SCENES_DIR, read_scene
+from langwm_data.shards.scenes import SCENES_DIR, read_models, read_scene
 from langwm_data.shards.tar_walk import walk_samples
 from langwm_data.shards.writer import TarWriter, shard_path, write_table
 
@@ -170,7 +170,7 @@ def _repair_descriptions(folder: Path, manifest: Manifest, damaged: Collection[s
         _write_index(folder, manifest)
         made += [FRAMES_FILE, OBJECTS_FILE]
     if CARD_FILE in damaged:
-        write_card(folder, manifest)
+        write_card(folder, manifest, read_models(folder, manifest))
         made.append(CARD_FILE)
     if CONFIG_FILE in damaged:
         atomic.write_text(folder / CONFIG_FILE, yaml.safe_dump(manifest.config, sort_keys=False))

@@ -195,3 +195,17 @@ def check_palette(scene: SceneSpec) -> None:
                 f"scene {scene.name!r}: slot {slot.name!r} holds texture {material},"
                 f" which is not for the {scene.split} split"
             )
+
+
+def check_models(scene: SceneSpec) -> None:
+    """Refuse a scene in which models of others stand that its split must not show.
+
+    Raises:
+        ValueError: If a model of the other split is recorded in it.
+    """
+    for record in scene.models:
+        if record.split != scene.split:
+            raise ValueError(
+                f"scene {scene.name!r} is for {scene.split}; model {record.model!r} of {record.source!r}"
+                f" is for {record.split}"
+            )

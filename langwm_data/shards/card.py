@@ -1,12 +1,13 @@
 """The data card: a README that people read and whose head Hugging Face ``datasets`` reads."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from langwm_data import atomic
+from langwm_data.scenes.spec import ModelRecord
 from langwm_data.shards.manifest import CARD_FILE, Manifest
 
 _CAPTION = {
@@ -134,21 +135,43 @@ Pillow's mode `I;16`).
 
 ## Licence
 
-Homes, furniture and textures are procedural, made by the generator itself; no third-party assets are
-in these files. They may be used under the generator's licence, Apache-2.0.
+{licence}
 """
 
+_ALL_OWN = """
+Homes, furniture and textures are procedural, made by the generator itself; no third-party assets are
+in these files. They may be used under the generator's licence, Apache-2.0."""
 
-def write_card(folder: Path, manifest: Manifest) -> None:
-    """Write ``README.md``."""
-    atomic.write_text(folder / CARD_FILE, f"---\n{_head(manifest)}---\n{_body(manifest)}")
+_OF_OTHERS = """
+What the generator made itself may be used under its licence, Apache-2.0. The scenes also show assets of
+others, read from the files whose checksums stand in `dataset.json` under `sources` ({sources}); `assets/`
+holds them as they were drawn. They and the pictures of them are under the licences of their authors."""
+
+_MODELS = """
+Models of others in these scenes, thinned and scaled to the size that their source states; those for test
+are shown by no training frame:
+
+| model | name | author | licence | source | split |
+|---|---|---|---|---|---|
+{rows}"""
+
+
+def write_card(folder: Path, manifest: Manifest, models: Sequence[ModelRecord]) -> None:
+    """Write ``README.md``.
+
+    Args:
+        folder: Of the dataset.
+        manifest: What it holds.
+        models: Those of others that stand in its scenes: their licences ask for their authors' names.
+    """
+    atomic.write_text(folder / CARD_FILE, f"---\n{_head(manifest)}---\n{_body(manifest, models)}")
 
 
 def _head(manifest: Manifest) -> str:
     files = [{"split": split, "path": f"{split}/*.tar"} for split in manifest.splits]
     head = {
         "pretty_name": "LanGWM homes",
-        "license": "apache-2.0",
+        **_licence_head(manifest),
         "language": ["en"],
         "task_categories": ["depth-estimation", "image-to-text"],
         "tags": ["webdataset", "embodied-ai", "synthetic"],
@@ -159,7 +182,37 @@ def _head(manifest: Manifest) -> str:
     return yaml.safe_dump(head, sort_keys=False)
 
 
-def _body(manifest: Manifest) -> str:
+def _licence_head(manifest: Manifest) -> dict[str, str]:
+    """Hugging Face knows one licence for a whole dataset, or ``other`` with a name and a place to read on."""
+    if not manifest.sources:
+        return {"license": "apache-2.0"}
+    return {
+        "license": "other",
+        "license_name": "apache-2.0-with-assets-of-others",
+        "license_link": f"{CARD_FILE}#licence",
+    }
+
+
+def _licence(manifest: Manifest, models: Sequence[ModelRecord]) -> str:
+    if not manifest.sources:
+        return _ALL_OWN.strip()
+    text = _OF_OTHERS.format(sources=", ".join(f"`{name}`" for name in sorted(manifest.sources)))
+    if models:
+        rows = (
+            (m.model, m.name, m.author, m.licence, m.source, m.split)
+            for m in sorted(models, key=lambda m: (m.source, m.model))
+        )
+        text += "\n" + _MODELS.format(rows="\n".join(f"| {' | '.join(map(_cell, row))} |" for row in rows))
+    return text.strip()
+
+
+def _cell(text: str) -> str:
+    """Foreign text in one cell of a table."""
+    plain = " ".join(text.split())
+    return "".join(f"\\{c}" if c in "\\|`*_[]<>" else c for c in plain)
+
+
+def _body(manifest: Manifest, models: Sequence[ModelRecord]) -> str:
     splits = [f"| {name} | {split.frames} | {len(split.scenes)} |" for name, split in manifest.splits.items()]
     return _BODY.format(
         title="LanGWM homes",
@@ -172,6 +225,7 @@ def _body(manifest: Manifest) -> str:
         captions=manifest.captions,
         height=manifest.camera.height,
         width=manifest.camera.width,
+        licence=_licence(manifest, models),
     )
 
 

@@ -20,6 +20,7 @@ from langwm_data.shards.manifest import (
     SplitRecord,
     write_manifest,
 )
+from langwm_data.shards.scenes import read_models
 from langwm_data.shards.writer import WORK_DIR, read_parts, write_table
 
 
@@ -55,7 +56,7 @@ def finish_dataset(folder: Path, records: Sequence[ShardRecord], origin: Origin)
         captions=sum(frames["num_captions"].to_pylist()),
         shards=list(records),
     )
-    write_card(folder, manifest)
+    write_card(folder, manifest, read_models(folder, manifest))
     write_manifest(folder, manifest)
     remove_work(folder)
     return manifest

@@ -39,6 +39,10 @@ MAX_ERROR_SHARE = 0.01
 """The same for small things, as a share of their diagonal."""
 HEAVY_TRIANGLES = 500
 """Lighter meshes stay as they are."""
+ENOUGH_TRIANGLES = 5_000
+"""A mesh that keeps more is thinned anew with the error doubled, and doubled again: a floor of a home has some
+fifty models."""
+FACTORS = (1, 2, 4)
 
 _logger = logging.getLogger(__name__)
 
@@ -82,10 +86,19 @@ def make_ready(model: CatalogueModel, folder: Path) -> ReadyModel:
             _logger.warning("made again, as the cache is damaged: %s", error)
     mesh = load_mesh(model)
     if len(mesh.triangles) >= HEAVY_TRIANGLES:
-        mesh = decimate(mesh, max_error_m(model.size))
+        mesh = _thinned(mesh, max_error_m(model.size))
     ready = _described(mesh, write_mesh(folder, mesh))
     atomic.write_json(note, dataclasses.asdict(ready))
     return ready
+
+
+def _thinned(mesh: TriangleMesh, error_m: float) -> TriangleMesh:
+    thin = mesh
+    for factor in FACTORS:
+        thin = decimate(mesh, factor * error_m)
+        if len(thin.triangles) <= ENOUGH_TRIANGLES:
+            break
+    return thin
 
 
 def archive_digest(path: Path) -> str:
@@ -133,7 +146,7 @@ def _key(model: CatalogueModel) -> str:
         model.path,
         model.size,
         model.rotation,
-        [RECIPE, MAX_ERROR_M, MAX_ERROR_SHARE, HEAVY_TRIANGLES],
+        [RECIPE, MAX_ERROR_M, MAX_ERROR_SHARE, HEAVY_TRIANGLES, ENOUGH_TRIANGLES, FACTORS],
     ]
     return hashlib.sha256(json.dumps(record).encode()).hexdigest()
 

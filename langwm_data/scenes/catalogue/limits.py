@@ -93,6 +93,9 @@ MAX_CUT_OUT_SHARE = 0.1
 """Of a model's surface may be cut out of its textures: renderers draw triangles in full, so that all of them
 show the same, and leaves would be black cards."""
 
+MAX_TRIANGLES = 10_000
+"""A model that is still heavier once it is thinned would be a third of its floor."""
+
 _AXES = ("wide", "deep", "high")
 
 

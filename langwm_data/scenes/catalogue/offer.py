@@ -5,12 +5,15 @@ import json
 import logging
 import time
 from collections import defaultdict
+from collections.abc import Iterator
 from pathlib import Path
+
+import numpy as np
 
 from langwm_data.scenes.catalogue.archive import ArchiveError
 from langwm_data.scenes.catalogue.cache import RECIPE, ReadyModel, archive_digest, make_ready
 from langwm_data.scenes.catalogue.catalogue import Catalogue, CatalogueModel
-from langwm_data.scenes.catalogue.limits import HUNG, MAX_CUT_OUT_SHARE, has_use, misfit
+from langwm_data.scenes.catalogue.limits import HUNG, MAX_CUT_OUT_SHARE, MAX_TRIANGLES, has_use, misfit
 from langwm_data.scenes.catalogue.split import split_models
 from langwm_data.scenes.furniture import Model, Top
 from langwm_data.scenes.spec import OWN, MeshSpec, ModelRecord, PartSpec, Split, Vec3
@@ -88,25 +91,15 @@ class Offer:
     def __init__(self, furniture: Furniture, split: Split, seed: int, building: str) -> None:
         self._furniture, self._split = furniture, split
         self._seed, self._building = seed, building
-        self._chosen: dict[str, tuple[Model, ...]] = {}
 
-    def models(self, category: str) -> tuple[Model, ...]:
-        """At most ``NUM_MODELS`` of a category, made ready when they are first asked for."""
-        if category not in self._chosen:
-            self._chosen[category] = self._choose(category)
-        return self._chosen[category]
-
-    def _choose(self, category: str) -> tuple[Model, ...]:
+    def models(self, rng: np.random.Generator, category: str) -> Iterator[Model]:
+        """The building's models of a category in random order, each made ready when it is asked for."""
         candidates = self._furniture.of_category(category, self._split)
-        rng = make_rng(self._seed, "catalogue", self._building, category)
-        chosen: list[Model] = []
-        for i in rng.permutation(len(candidates)):
-            if len(chosen) == NUM_MODELS:
-                break
-            model = self._furniture.build(candidates[i])
-            if model is not None:
-                chosen.append(model)
-        return tuple(chosen)
+        own = make_rng(self._seed, "catalogue", self._building, category)
+        chosen = own.permutation(len(candidates))[:NUM_MODELS]
+        order = rng.permutation(len(chosen)) if len(chosen) else ()
+        models = (self._furniture.build(candidates[chosen[i]]) for i in order)
+        return (model for model in models if model is not None)
 
 
 def _identity(catalogue: Catalogue) -> str:
@@ -119,6 +112,8 @@ def _no_use(model: CatalogueModel, ready: ReadyModel) -> str | None:
     assert model.kind is not None
     if ready.cut_out_share > MAX_CUT_OUT_SHARE:
         return f"{ready.cut_out_share:.0%} of its surface is cut out of its textures"
+    if ready.num_triangles > MAX_TRIANGLES:
+        return f"{ready.num_triangles} triangles are left of it; homes take at most {MAX_TRIANGLES}"
     if not has_use(model.kind.category, model.size, ready.top):
         return f"it has no level top, which a {model.kind.category} needs"
     return None

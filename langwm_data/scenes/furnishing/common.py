@@ -37,7 +37,7 @@ def put_on(state: RoomState, support: Placement, category: str, *, spread: float
 
 def put_at(state: RoomState, support: Placement, category: str, at: tuple[float, float]) -> bool:
     """Lay something small on a piece at a point of the piece's own frame."""
-    model = state.style.models(state.rng, category)[0]
+    model = state.style.model(state.rng, category)
     return state.add(_small(state, model, support, at, 0.0), zones=())
 
 
@@ -67,7 +67,7 @@ def put_some_on(state: RoomState, support: Placement | None, categories: Sequenc
 
 def drop(state: RoomState, category: str, *, tries: int = 20) -> bool:
     """Leave something loose on the floor, off the rugs."""
-    model = state.style.models(state.rng, category)[0]
+    model = state.style.model(state.rng, category)
     reach = math.hypot(*model.size[:2]) / 2 + 0.03
     x0, y0, x1, y1 = state.rect
     for _ in range(tries):

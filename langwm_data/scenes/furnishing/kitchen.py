@@ -55,7 +55,7 @@ def furnish_kitchen(state: RoomState, *, has_dining: bool) -> None:
 
 def _put_counters(state: RoomState) -> list[Placement]:
     """The longest row of units that some wall takes; the fridge at one of its ends."""
-    fridge = state.style.models(state.rng, "fridge")[0]
+    fridge = state.style.model(state.rng, "fridge")
     runs: list[tuple[float, Wall, float]] = [
         (high - low, wall, low) for wall in WALLS for low, high in _free_runs(state, wall)
     ]
@@ -64,7 +64,7 @@ def _put_counters(state: RoomState) -> list[Placement]:
         num = min(int((length - 0.02 - has_fridge * fridge.size[0]) / UNIT_WIDTH), MAX_UNITS)
         if num < 2:
             continue
-        models = [state.style.models(state.rng, category)[0] for category in _sequence(state, num)]
+        models = [state.style.model(state.rng, category) for category in _sequence(state, num)]
         if has_fridge:
             models.insert(0 if state.coin(0.5) else num, fridge)
         _shorten(models, length - 0.02)
@@ -102,7 +102,7 @@ def _in_a_row(state: RoomState, models: Sequence[Model], wall: Wall, start: floa
 
 def _free_runs(state: RoomState, wall: Wall) -> list[tuple[float, float]]:
     """Stretches of a wall along which counters fit, from where to where."""
-    probe = state.style.models(state.rng, "kitchen_cabinet")[0]
+    probe = state.style.model(state.rng, "kitchen_cabinet")
     low, high = state.wall_span(wall)
     at = np.arange(low + UNIT_WIDTH / 2, high - UNIT_WIDTH / 2 + 1e-6, 0.05)
     fits = [state.fits(state.against(probe, wall, float(a), gap=WALL_GAP, z=0.0)) for a in at]

@@ -67,7 +67,7 @@ def put_dining_group(state: RoomState, *, prefer_center: bool, max_width: float 
     table = _put_table(state, prefer_center=prefer_center, max_width=max_width)
     if table is None:
         return None
-    chair = state.style.models(state.rng, "chair")[0]
+    chair = state.style.model(state.rng, "chair")
     for xy, yaw in _seats(state, table, chair):
         pushed_in = state.stand(chair, xy, yaw)
         if not state.add(pushed_in, zones=("doorway",)) and chair.mesh:
@@ -151,7 +151,7 @@ def _sofas_before(state: RoomState, stand: Placement, model: Model) -> list[Plac
 
 def _put_between(state: RoomState, stand: Placement, sofa: Placement) -> None:
     """Rug and coffee table before the sofa; an armchair or a pouf beside them."""
-    tables = state.style.first_choices(state.rng, "coffee_table")
+    tables = list(state.style.first_choices(state.rng, "coffee_table"))
     rug = (
         put_rug(state, sofa.local(0.0, sofa.model.size[1] / 2 + 0.62), sofa.yaw_rad)
         if state.coin(0.8)

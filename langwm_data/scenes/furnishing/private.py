@@ -48,7 +48,7 @@ def _put_bed(state: RoomState) -> Placement | None:
     beds = sorted(state.style.models(state.rng, "bed"), key=lambda m: -m.size[0])
     if state.coin(0.3):
         beds.reverse()
-    stand = state.style.models(state.rng, "nightstand")[0]
+    stand = state.style.model(state.rng, "nightstand")
     for model in beds:
         for sides in ((-1, 1), (-1,), (1,), ()):
             for bed in state.wall_placements(model, prefer="center" if len(sides) == 2 else "corner"):
@@ -136,9 +136,9 @@ def put_work_place(state: RoomState) -> Placement | None:
     if desk is None:
         return None
     d = desk.model.size[1]
-    screen = state.style.models(state.rng, "monitor")[0]
+    screen = state.style.model(state.rng, "monitor")
     state.add(state.stand(screen, desk.local(0.0, -d / 2 + 0.14), desk.yaw_rad, on=desk), zones=())
-    keys = state.style.models(state.rng, "keyboard")[0]
+    keys = state.style.model(state.rng, "keyboard")
     state.add(state.stand(keys, desk.local(0.0, d / 2 - 0.16), desk.yaw_rad, on=desk), zones=())
     category = "office_chair" if state.coin(0.75) else "chair"
     for model in state.style.models(state.rng, category):

@@ -1,7 +1,8 @@
 """What the floors of one building have in common: height, fullness, and which models it uses."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -26,23 +27,29 @@ class HomeStyle:
     offer: Offer | None = None
     """Its models of catalogues, if it has any."""
 
-    def models(self, rng: np.random.Generator, category: str) -> list[Model]:
+    def models(self, rng: np.random.Generator, category: str) -> Iterator[Model]:
         """The building's models of a category, in random order, those of catalogues first."""
         names = self.variants[category]
-        own = [build_model(names[i]) for i in rng.permutation(len(names))]
-        others = self._others(category)
-        return [others[i] for i in rng.permutation(len(others))] + own if others else own
+        order = rng.permutation(len(names))
+        return chain(self._others(rng, category), (build_model(names[i]) for i in order))
 
-    def first_choices(self, rng: np.random.Generator, category: str) -> list[Model]:
+    def model(self, rng: np.random.Generator, category: str) -> Model:
+        """Any one model of a category."""
+        return next(self.models(rng, category))
+
+    def first_choices(self, rng: np.random.Generator, category: str) -> Iterator[Model]:
         """Models to try for a piece that the room can do without: of catalogues, then one procedural."""
-        return self.models(rng, category)[: len(self._others(category)) + 1]
+        for model in self.models(rng, category):
+            yield model
+            if model.mesh is None:
+                return
 
     def is_loose(self, category: str) -> bool:
         """Whether physics lays the pieces of a category down."""
         return CATEGORIES[category].is_loose
 
-    def _others(self, category: str) -> Sequence[Model]:
-        return () if self.offer is None else self.offer.models(category)
+    def _others(self, rng: np.random.Generator, category: str) -> Iterator[Model]:
+        return iter(()) if self.offer is None else self.offer.models(rng, category)
 
 
 def sample_style(seed: int, building: str, offer: Offer | None = None) -> HomeStyle:
