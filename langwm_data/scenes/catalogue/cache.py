@@ -40,9 +40,9 @@ MAX_ERROR_SHARE = 0.01
 HEAVY_TRIANGLES = 500
 """Lighter meshes stay as they are."""
 ENOUGH_TRIANGLES = 5_000
-"""A mesh that keeps more is thinned anew with the error doubled, and doubled again: a floor of a home has some
-fifty models."""
+"""A mesh that keeps more is thinned anew with a larger error: a floor of a home shows some fifty models."""
 FACTORS = (1, 2, 4)
+"""Multiples of the error that are tried in turn."""
 
 _logger = logging.getLogger(__name__)
 

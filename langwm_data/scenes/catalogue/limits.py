@@ -89,7 +89,7 @@ MIN_TOP_SHARE = 0.45
 MIN_TOP_HEIGHT = 0.8
 """Least height of that rectangle, as a share of the model's."""
 
-MAX_CUT_OUT_SHARE = 0.1
+MAX_CUT_OUT_SHARE = 0.25
 """Of a model's surface may be cut out of its textures: renderers draw triangles in full, so that all of them
 show the same, and leaves would be black cards."""
 

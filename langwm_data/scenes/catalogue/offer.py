@@ -43,14 +43,22 @@ class Furniture:
         fitting = [model for model in catalogue.models if misfit(model) is None]
         self.identity = _identity(catalogue)
         self.cache = cache
+        self._catalogue = catalogue
         self.left_out: dict[str, str] = {}
-        """Models that turned out to be of no use once they were made ready, and why."""
+        """Models that turned out to be of no use when they were made ready, and why."""
         self._splits = split_models(fitting)
         self._by_category: defaultdict[str, list[CatalogueModel]] = defaultdict(list)
         for model in fitting:
             assert model.kind is not None
             self._by_category[model.kind.category].append(model)
         self._built: dict[str, Model | None] = {}
+
+    def report(self) -> str:
+        """What homes use as what, and by name what they do not use, and why."""
+        reasons = {model.id: misfit(model) for model in self._catalogue.known()} | self.left_out
+        unused = {name: reason for name, reason in reasons.items() if reason}
+        lines = [self._catalogue.report(), f"{len(unused)} models of a known kind are not used:"]
+        return "\n".join([*lines, *(f"  {name}: {reason}" for name, reason in sorted(unused.items()))])
 
     def of_category(self, category: str, split: Split) -> list[CatalogueModel]:
         """Models that homes of one split may show, sorted by id."""
@@ -89,7 +97,8 @@ class Offer:
     """The models that one building chooses from."""
 
     def __init__(self, furniture: Furniture, split: Split, seed: int, building: str) -> None:
-        self._furniture, self._split = furniture, split
+        self._furniture = furniture
+        self._split: Split = split
         self._seed, self._building = seed, building
 
     def models(self, rng: np.random.Generator, category: str) -> Iterator[Model]:

@@ -67,13 +67,14 @@ def _put_counters(state: RoomState) -> list[Placement]:
         models = [state.style.model(state.rng, category) for category in _sequence(state, num)]
         if has_fridge:
             models.insert(0 if state.coin(0.5) else num, fridge)
-        _shorten(models, length - 0.02)
+        left_over = _shorten(models, length - 0.02)
         row = _in_a_row(state, models, wall, low + 0.01)
         units = [p for p in row if p.model is not fridge]
         if state.add(*row) or state.add(*units):
             for unit in units:
                 state.keep_front_free(unit, COUNTER_FRONT_M)
-            return units
+            more = [state.put_at_wall(m.category, prefer="corner", front_m=0.6) for m in left_over]
+            return units + [piece for piece in more if piece is not None]
     return []
 
 
@@ -85,11 +86,13 @@ def _put_pot(state: RoomState, stove: Placement) -> None:
         put_on(state, stove, "cooking_pot")
 
 
-def _shorten(models: list[Model], length: float) -> None:
-    """Leave out cupboards, last ones first, until a row is no longer than its wall."""
+def _shorten(models: list[Model], length: float) -> list[Model]:
+    """Take out cupboards, last ones first, until a row is no longer than its wall; those taken out."""
+    taken = []
     for i in reversed(range(len(models))):
         if sum(m.size[0] for m in models) > length + 1e-6 and models[i].category == "kitchen_cabinet":
-            del models[i]
+            taken.append(models.pop(i))
+    return taken
 
 
 def _in_a_row(state: RoomState, models: Sequence[Model], wall: Wall, start: float) -> list[Placement]:

@@ -48,6 +48,7 @@ def _put_bed(state: RoomState) -> Placement | None:
     beds = sorted(state.style.models(state.rng, "bed"), key=lambda m: -m.size[0])
     if state.coin(0.3):
         beds.reverse()
+    beds.sort(key=lambda m: m.mesh is None)
     stand = state.style.model(state.rng, "nightstand")
     for model in beds:
         for sides in ((-1, 1), (-1,), (1,), ()):

@@ -83,7 +83,7 @@ def _cells(pieces: Pieces, low: Floats, high: Floats) -> _Cells:
     cell_m = pieces.cell_m
     shape = np.maximum(np.ceil((high - low) / cell_m - 1e-6), 1).astype(np.int64)
     index = np.clip(((pieces.corners.mean(axis=1) - low) / cell_m).astype(np.int64), 0, shape - 1)
-    flat = np.ravel_multi_index(tuple(index.T), tuple(shape))
+    flat = np.asarray(np.ravel_multi_index(tuple(index.T), tuple(shape)))
     order = np.argsort(flat, kind="stable")
     used, starts = np.unique(flat[order], return_index=True)
     is_used = np.zeros(tuple(shape), bool)
@@ -153,7 +153,7 @@ def _volume(low: Floats, high: Floats) -> Floats:
 
 
 def _thick(boxes: Floats, low: Floats, high: Floats) -> Floats:
-    """The boxes with none too thin, growing inwards where the mesh ends; a sheet may be thinner as a whole."""
+    """The boxes with none too thin, grown inwards where the mesh ends; a mesh that is a sheet stays one."""
     middle = boxes.mean(axis=1)
     half = np.maximum(boxes[:, 1] - boxes[:, 0], MIN_THICKNESS_M) / 2
     first = np.minimum(np.maximum(middle - half, low), high - 2 * half)

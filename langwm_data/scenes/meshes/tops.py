@@ -17,7 +17,7 @@ Top = tuple[float, float, float, float, float]
 
 def level_top(pieces: Pieces) -> Top | None:
     """The largest rectangle seen from above that is level, or None where nothing is."""
-    low = pieces.corners.min(axis=(0, 1))[:2]
+    low, high = pieces.corners.min(axis=(0, 1))[:2], pieces.corners.max(axis=(0, 1))[:2]
     heights = _heights(pieces, low)
     best, best_area = None, 0
     for level in _levels(heights):
@@ -25,7 +25,7 @@ def level_top(pieces: Pieces) -> Top | None:
         if area > best_area:
             height = float(heights[rows, columns].max())
             x0, y0 = low + np.array([rows.start, columns.start]) * pieces.cell_m
-            x1, y1 = low + np.array([rows.stop, columns.stop]) * pieces.cell_m
+            x1, y1 = np.minimum(low + np.array([rows.stop, columns.stop]) * pieces.cell_m, high)
             best, best_area = (height, float(x0), float(y0), float(x1), float(y1)), area
     return best
 

@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from langwm_data.scenes.catalogue.cache import ready_mesh
+from langwm_data.scenes.catalogue.cache import make_ready
 from langwm_data.scenes.catalogue.catalogue import Catalogue
 from langwm_data.scenes.catalogue.loading import load_mesh
 from langwm_data.scenes.catalogue.split import split_models
+from langwm_data.scenes.meshes.store import read_mesh
 
 FOLDER = Path("/usr/share/sweethome3d")
 
@@ -45,7 +46,7 @@ def test_every_category_with_two_models_has_both_splits(catalogue):
 )
 def test_models_have_their_stated_size(catalogue, tmp_path, name):
     model = next(m for m in catalogue.models if m.id == name)
-    _, mesh = ready_mesh(model, tmp_path)
+    mesh = read_mesh(tmp_path, make_ready(model, tmp_path).mesh)
     extent = np.ptp(mesh.vertices, axis=0)
     assert extent == pytest.approx(model.size, abs=0.01)
 
