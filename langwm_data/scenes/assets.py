@@ -97,9 +97,8 @@ class Assets:
         for folder in self.folders:
             if (folder / file).is_file():
                 return folder / file
-        raise ValueError(
-            f"asset {file} is in none of the folders {', '.join(map(str, self.folders)) or '(none)'}"
-        )
+        where = ", ".join(map(str, self.folders)) or "nowhere"
+        raise ValueError(f"asset {file} is missing; looked for in: {where}")
 
 
 NO_ASSETS = Assets()

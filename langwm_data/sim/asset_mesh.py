@@ -1,7 +1,7 @@
 """From meshes of others to triangles that the renderers draw: faces, and texture coordinates in metres.
 
-Owns what a renderer must know of such a mesh beyond its triangles. They are drawn from both sides, as their
-makers are not of one mind about which side is outside.
+Owns what a renderer must know of such a mesh beyond its triangles. Sheets, and whatever has its inside out,
+are drawn from both sides, as their makers are not of one mind about which side is outside.
 """
 
 from dataclasses import dataclass
@@ -27,6 +27,8 @@ class AssetMesh:
     """(F,), the group of triangles, and so the material, of each face."""
     face_tile_m: Floats
     """(F,), metres that the width of a face's texture covers on average."""
+    is_two_sided: NDArray[np.bool_]
+    """(T,), whether a triangle may be seen from behind; those of closed bodies cannot be."""
     materials: tuple[Material, ...]
     """Of each group."""
 
@@ -54,6 +56,7 @@ def asset_mesh(source: TriangleMesh) -> AssetMesh:
         ),
         face_group=group[first].astype(np.int32),
         face_tile_m=tile_m,
+        is_two_sided=~_closed(vertices, triangles),
         materials=source.materials,
     )
 
@@ -72,6 +75,32 @@ def _smooth_pieces(triangles: Ints, num_vertices: int) -> NDArray[np.int32]:
     start, end = triangles.ravel(), np.roll(triangles, 1, axis=1).ravel()
     links = coo_matrix((np.ones(len(start), np.int8), (start, end)), shape=(num_vertices, num_vertices))
     return connected_components(links, directed=False)[1]
+
+
+def _closed(vertices: Floats, triangles: Ints) -> NDArray[np.bool_]:
+    """(T,), whether a triangle belongs to a body without holes whose outside is its outside.
+
+    Along each edge of such a body as many triangles go one way as the other, and its volume is positive.
+    """
+    points, same = np.unique(vertices, axis=0, return_inverse=True)
+    corners = same.reshape(-1)[triangles]
+    start, end = corners, np.roll(corners, -1, axis=1)
+    key = np.minimum(start, end) * len(points) + np.maximum(start, end)
+    _, edge = np.unique(key, return_inverse=True)
+    edge = edge.reshape(-1, 3)
+    num_edges = int(edge.max()) + 1
+    owner = np.repeat(np.arange(len(triangles)), 3)
+    links = coo_matrix(
+        (np.ones(edge.size, np.int8), (owner, len(triangles) + edge.ravel())),
+        shape=(len(triangles) + num_edges,) * 2,
+    )
+    body = connected_components(links, directed=False)[1][: len(triangles)]
+    balance = np.bincount(edge.ravel(), np.where(start < end, 1, -1).ravel(), num_edges)
+    is_open = np.zeros(int(body.max()) + 1, np.bool_)
+    is_open[np.repeat(body, 3)[balance[edge.ravel()] != 0]] = True
+    a, b, c = np.moveaxis(vertices[triangles], 1, 0)
+    volume = np.bincount(body, np.einsum("tk,tk->t", a, np.cross(b, c)))
+    return (~is_open & (volume > 0))[body]
 
 
 def _tile_sizes(vertices: Floats, uvs: Floats, triangles: Ints, faces: Ints) -> Floats:

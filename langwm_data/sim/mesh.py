@@ -210,8 +210,9 @@ def _hull(points: tuple[Vec3, ...]) -> Mesh:
     turn = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     is_inward = np.einsum("tk,tk->t", turn, normals) < 0
     corners[is_inward] = corners[is_inward, ::-1]
-    right = np.cross((0.0, 0.0, 1.0), normals)
-    right[np.abs(normals[:, 2]) > _UPRIGHT] = (1.0, 0.0, 0.0)
+    is_level = np.abs(normals[:, 2]) > _UPRIGHT
+    along_x = np.array((1.0, 0.0, 0.0)) - normals[:, :1] * normals
+    right = np.where(is_level[:, None], along_x, np.cross((0.0, 0.0, 1.0), normals))
     right /= np.linalg.norm(right, axis=1, keepdims=True)
     axes = np.stack([right, np.cross(normals, right)], axis=1)
     return Mesh(

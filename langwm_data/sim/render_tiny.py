@@ -193,26 +193,41 @@ def _write_groups(mesh: SceneMesh, folder: Path) -> Iterator[Model]:
     for number, (instance, texture) in enumerate(groups.tolist()):
         mine = np.flatnonzero(group_of == number)
         used, triangles = np.unique(mesh.triangles[mine], return_inverse=True)
+        triangles = triangles.reshape(-1, 3)
         path = folder / f"{instance}-{texture}.obj"
         path.write_text(
             _obj_text(
                 mesh.vertices[used].astype(np.float64),
                 mesh.normals[used].astype(np.float64),
                 mesh.uvs[used] / tile_m[mesh.faces[used]][:, None],
-                triangles.reshape(-1, 3),
+                triangles,
+                triangles[mesh.is_two_sided[mine]],
             )
         )
         yield Model(instance=instance, texture=texture, path=path)
 
 
-def _obj_text(vertices: Floats, normals: Floats, uvs: Floats, triangles: NDArray[np.intp]) -> str:
-    """A mesh as a Wavefront file, texture coordinates in widths of the texture."""
+def _obj_text(
+    vertices: Floats,
+    normals: Floats,
+    uvs: Floats,
+    triangles: NDArray[np.intp],
+    two_sided: NDArray[np.intp],
+) -> str:
+    """A mesh as a Wavefront file, texture coordinates in widths of the texture.
+
+    TinyRenderer leaves out triangles that turn away, so some are there a second time the other way round.
+    """
     # TinyRenderer wraps positive coordinates only.
     uvs = uvs - np.floor(uvs.min(axis=0))
     lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices.tolist()]
     lines += [f"vt {u:.9g} {v:.9g}" for u, v in uvs.tolist()]
     lines += [f"vn {x:.9g} {y:.9g} {z:.9g}" for x, y, z in _wrapped_normals(normals).tolist()]
+    if len(two_sided):
+        lines += [f"vn {x:.9g} {y:.9g} {z:.9g}" for x, y, z in _wrapped_normals(-normals).tolist()]
     lines += [f"f {a}/{a}/{a} {b}/{b}/{b} {c}/{c}/{c}" for a, b, c in (triangles + 1).tolist()]
+    n = len(vertices)
+    lines += [f"f {c}/{c}/{c + n} {b}/{b}/{b + n} {a}/{a}/{a + n}" for a, b, c in (two_sided + 1).tolist()]
     return "\n".join(lines) + "\n"
 
 

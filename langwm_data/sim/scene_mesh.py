@@ -97,7 +97,8 @@ class _Piece:
     """(F,), as ``SceneMesh.face_texture``."""
     tile_m: NDArray[np.float64]
     """(F,), as ``SceneMesh.face_tile_m``."""
-    is_two_sided: bool
+    is_two_sided: NDArray[np.bool_]
+    """(T,)."""
 
 
 _Pose = tuple[Vec3, Quat]
@@ -137,7 +138,7 @@ def _scene_mesh(scene: SceneSpec, assets: Assets) -> SceneMesh:
         face_lamp=_after_background(lamps.repeat(num_faces, axis=0).astype(np.float32)),
         own=tuple(own),
         planes=np.column_stack([normal, -(normal * corner).sum(axis=1)]),
-        is_two_sided=np.repeat([p.is_two_sided for p in pieces], num_triangles),
+        is_two_sided=np.concatenate([p.is_two_sided for p in pieces]),
         piece_triangles=num_triangles,
         piece_center=center,
         piece_half=bounds[:, 1] - center,
@@ -168,7 +169,7 @@ def _part_piece(owner: SurfaceSpec | ObjectSpec, pose: _Pose, part: PartSpec) ->
         mesh=mesh,
         textures=np.full(mesh.num_faces, part.slot, np.int32),
         tile_m=np.zeros(mesh.num_faces),
-        is_two_sided=False,
+        is_two_sided=np.zeros(len(mesh.triangles), np.bool_),
     )
 
 
@@ -195,7 +196,7 @@ def _mesh_piece(
         mesh=drawn.mesh.transformed(*pose),
         textures=np.array(textures, np.int32)[drawn.face_group],
         tile_m=drawn.face_tile_m * is_own[drawn.face_group],
-        is_two_sided=True,
+        is_two_sided=drawn.is_two_sided,
     )
 
 
