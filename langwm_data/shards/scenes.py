@@ -49,9 +49,13 @@ def read_scene(folder: Path, name: str) -> SceneSpec:
 def read_models(folder: Path, manifest: Manifest) -> tuple[ModelRecord, ...]:
     """The models of others that stand in the scenes of a dataset, each once, sorted by name.
 
+    Where the manifest names no files of others there are none, and no scene is read.
+
     Raises:
         DatasetError: If the file of a scene is missing or damaged.
     """
+    if not manifest.sources:
+        return ()
     names = sorted({name for record in manifest.splits.values() for name in record.scenes})
     records = {record for name in names for record in read_scene(folder, name).models}
     return tuple(sorted(records, key=lambda r: (r.model, r.split)))
