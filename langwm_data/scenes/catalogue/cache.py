@@ -76,7 +76,7 @@ def make_ready(model: CatalogueModel, folder: Path) -> ReadyModel:
     Raises:
         ValueError: If the model cannot be read.
     """
-    note = folder / f"{_key(model)}.json"
+    note = _note(model, folder)
     if note.exists():
         try:
             ready = _ADAPTER.validate_json(note.read_bytes())
@@ -90,6 +90,11 @@ def make_ready(model: CatalogueModel, folder: Path) -> ReadyModel:
     ready = _described(mesh, write_mesh(folder, mesh))
     atomic.write_json(note, dataclasses.asdict(ready))
     return ready
+
+
+def is_ready(model: CatalogueModel, folder: Path) -> bool:
+    """Whether a model has been made ready before."""
+    return _note(model, folder).exists()
 
 
 def _thinned(mesh: TriangleMesh, error_m: float) -> TriangleMesh:
@@ -140,7 +145,7 @@ def _cut_out_share(mesh: TriangleMesh, pieces: Pieces) -> float:
     return clear_m2 / float(pieces.areas.sum())
 
 
-def _key(model: CatalogueModel) -> str:
+def _note(model: CatalogueModel, folder: Path) -> Path:
     record = [
         archive_digest(model.archive),
         model.path,
@@ -148,7 +153,7 @@ def _key(model: CatalogueModel) -> str:
         model.rotation,
         [RECIPE, MAX_ERROR_M, MAX_ERROR_SHARE, HEAVY_TRIANGLES, ENOUGH_TRIANGLES, FACTORS],
     ]
-    return hashlib.sha256(json.dumps(record).encode()).hexdigest()
+    return folder / f"{hashlib.sha256(json.dumps(record).encode()).hexdigest()}.json"
 
 
 @lru_cache(maxsize=64)

@@ -3,7 +3,6 @@
 import hashlib
 import json
 import logging
-import time
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from langwm_data.scenes.catalogue.archive import ArchiveError
-from langwm_data.scenes.catalogue.cache import RECIPE, ReadyModel, archive_digest, make_ready
+from langwm_data.scenes.catalogue.cache import RECIPE, ReadyModel, archive_digest, is_ready, make_ready
 from langwm_data.scenes.catalogue.catalogue import Catalogue, CatalogueModel
 from langwm_data.scenes.catalogue.limits import HUNG, MAX_CUT_OUT_SHARE, MAX_TRIANGLES, has_use, misfit
 from langwm_data.scenes.catalogue.split import split_models
@@ -52,6 +51,7 @@ class Furniture:
             assert model.kind is not None
             self._by_category[model.kind.category].append(model)
         self._built: dict[str, Model | None] = {}
+        self._has_told = False
 
     def report(self) -> str:
         """What homes use as what, and by name what they do not use, and why."""
@@ -75,7 +75,11 @@ class Furniture:
         return self._built[model.id]
 
     def _build(self, model: CatalogueModel) -> Model | None:
-        start = time.monotonic()
+        if not self._has_told and not is_ready(model, self.cache):
+            self._has_told = True
+            _logger.info(
+                "models are made ready for their first use, a second each, and kept in %s", self.cache
+            )
         try:
             ready = make_ready(model, self.cache)
         except ArchiveError:
@@ -84,11 +88,10 @@ class Furniture:
             self.left_out[model.id] = str(error)
             _logger.warning("furniture model left out: %s", error)
             return None
-        _logger.debug("%s is ready after %.1f s", model.id, time.monotonic() - start)
         reason = _no_use(model, ready)
         if reason is not None:
             self.left_out[model.id] = reason
-            _logger.info("furniture model %s left out: %s", model.id, reason)
+            _logger.debug("furniture model %s left out: %s", model.id, reason)
             return None
         return _as_furniture(model, ready, self._splits[model.id])
 
