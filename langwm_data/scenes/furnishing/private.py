@@ -44,13 +44,13 @@ def furnish_bedroom(state: RoomState) -> None:
 
 
 def _put_bed(state: RoomState) -> Placement | None:
-    """The widest bed that goes in with a nightstand on each side, or one, or none."""
-    beds = sorted(state.style.models(state.rng, "bed"), key=lambda m: -m.size[0])
+    """The widest bed that goes in with a nightstand on each side, or one, or none; any of a catalogue."""
+    models = list(state.style.models(state.rng, "bed"))
+    beds = sorted((m for m in models if m.mesh is None), key=lambda m: -m.size[0])
     if state.coin(0.3):
         beds.reverse()
-    beds.sort(key=lambda m: m.mesh is None)
     stand = state.style.model(state.rng, "nightstand")
-    for model in beds:
+    for model in [m for m in models if m.mesh] + beds:
         for sides in ((-1, 1), (-1,), (1,), ()):
             for bed in state.wall_placements(model, prefer="center" if len(sides) == 2 else "corner"):
                 stands = [
