@@ -8,6 +8,7 @@ from langwm_data.config import ScenesConfig
 from langwm_data.config_io import ConfigError
 from langwm_data.scenes.assets import ASSETS_DIR, NO_ASSETS, Assets
 from langwm_data.scenes.homes import Homes
+from langwm_data.scenes.igibson.source import IGibson
 from langwm_data.scenes.source import SceneSource
 from langwm_data.scenes.spec import SceneSpec, Split
 from langwm_data.shards.manifest import GENERATOR, Manifest, read_manifest
@@ -61,6 +62,8 @@ def open_scenes(config: ScenesConfig) -> SceneLibrary:
 class _OnlyBaked:
     """The floors of a dataset that were made from files of others, which may not be on this machine."""
 
+    is_at_rest = True
+
     def __init__(self, manifest: Manifest) -> None:
         self.assets = NO_ASSETS
         self.identity: Mapping[str, str] = manifest.sources
@@ -78,12 +81,15 @@ def _source(config: ScenesConfig, baked: Manifest | None) -> SceneSource:
     is_named = config.furniture is not None or config.igibson is not None
     if baked is not None and baked.sources and not is_named:
         return _OnlyBaked(baked)
+    if config.igibson is not None:
+        return IGibson(Path(config.igibson), config.seed)
     return Homes(config.seed, None if config.furniture is None else Path(config.furniture))
 
 
 @lru_cache(maxsize=64)
 def _bake(source: SceneSource, name: str) -> SceneSpec:
-    return settle(source.make(name))
+    scene = source.make(name)
+    return scene if source.is_at_rest else settle(scene)
 
 
 def _check_origin(

@@ -14,7 +14,8 @@ from langwm_data.scenes.floorplan import sample_plan
 from langwm_data.scenes.furnishing.fittings import dress_windows, fill_openings
 from langwm_data.scenes.furnishing.kitchen import furnish_kitchen
 from langwm_data.scenes.furnishing.living import furnish_dining_room, furnish_living_room
-from langwm_data.scenes.furnishing.placement import Placement, RoomState
+from langwm_data.scenes.furnishing.piece import Placement
+from langwm_data.scenes.furnishing.placement import RoomState
 from langwm_data.scenes.furnishing.private import furnish_bathroom, furnish_bedroom, furnish_study
 from langwm_data.scenes.furnishing.service import furnish_hallway, furnish_playroom, furnish_storage_room
 from langwm_data.scenes.furnishing.style import HomeStyle, sample_style
@@ -64,6 +65,8 @@ def scene_names(split: Split | None = None) -> tuple[str, ...]:
 
 class Homes:
     """The procedural homes of one seed as a source of scenes, some with furniture from catalogues."""
+
+    is_at_rest = False
 
     def __init__(self, seed: int, furniture: Path | None = None) -> None:
         """Homes of a seed; no floor is made yet.

@@ -1,6 +1,7 @@
 """Where the robot can be, and how far it is from there to a goal.
 
-Owns the free space of a scene and shortest paths in it. World coordinates, metres.
+Owns the free space of a scene and shortest paths in it. World coordinates, metres. Solids limit it, and the
+map that a scene may bring along (ADR-0011).
 """
 
 from collections.abc import Iterator
@@ -65,7 +66,8 @@ class FreeSpace:
         """The free space of a scene for a robot.
 
         Args:
-            scene: The scene; parts between what the robot drives over and its top are in its way.
+            scene: The scene; parts between what the robot drives over and its top are in its way, and
+                cells outside of its floor map, if it has one, are no place for it.
             robot: Radius, height and clearance.
             resolution_m: Edge of a grid cell. Finer cells find narrower ways and cost more.
 
@@ -85,6 +87,8 @@ class FreeSpace:
             near = centers[window]
             distance = point_polygon_distance(near.reshape(-1, 2), polygon)
             clearance[window] = np.minimum(clearance[window], distance.reshape(near.shape[:2]))
+        if scene.floor_map is not None:
+            clearance[~scene.floor_map.free_at(centers)] = 0
         if not (clearance >= robot.radius_m).any():
             raise ValueError(
                 f"scene {scene.name!r} has no room for a robot of radius {robot.radius_m} m;"

@@ -8,6 +8,7 @@ import yaml
 
 from langwm_data import atomic
 from langwm_data.scenes.spec import ModelRecord
+from langwm_data.shards.licence import is_igibson, licence_tags, licence_text
 from langwm_data.shards.manifest import CARD_FILE, Manifest
 
 _CAPTION = {
@@ -69,7 +70,7 @@ wrong where their lists happen to be empty."""
 _BODY = """
 # {title}
 
-{frames} rendered views of furnished homes, made by {generator} with the `{renderer}` renderer: colour,
+{frames} rendered views of {subject}, made by {generator} with the `{renderer}` renderer: colour,
 metric depth, instance masks, and sentences that say which object lies in which direction and how far away.
 Floors and texture ids of the test split do not occur in the training split.
 
@@ -138,23 +139,6 @@ Pillow's mode `I;16`).
 {licence}
 """
 
-_ALL_OWN = """
-Homes, furniture and textures are procedural, made by the generator itself; no third-party assets are
-in these files. They may be used under the generator's licence, Apache-2.0."""
-
-_OF_OTHERS = """
-What the generator made itself may be used under its licence, Apache-2.0. The scenes also show assets of
-others, read from the files whose checksums stand in `dataset.json` under `sources` ({sources}); `assets/`
-holds them as they were drawn. They and the pictures of them are under the licences of their authors."""
-
-_MODELS = """
-Models of others in these scenes, thinned and scaled to the size that their source states; those for test
-are shown by no training frame:
-
-| model | name | author | licence | source | split |
-|---|---|---|---|---|---|
-{rows}"""
-
 
 def write_card(folder: Path, manifest: Manifest, models: Sequence[ModelRecord]) -> None:
     """Write ``README.md``.
@@ -170,8 +154,8 @@ def write_card(folder: Path, manifest: Manifest, models: Sequence[ModelRecord]) 
 def _head(manifest: Manifest) -> str:
     files = [{"split": split, "path": f"{split}/*.tar"} for split in manifest.splits]
     head = {
-        "pretty_name": "LanGWM homes",
-        **_licence_head(manifest),
+        "pretty_name": _title(manifest),
+        **licence_tags(manifest),
         "language": ["en"],
         "task_categories": ["depth-estimation", "image-to-text"],
         "tags": ["webdataset", "embodied-ai", "synthetic"],
@@ -182,40 +166,12 @@ def _head(manifest: Manifest) -> str:
     return yaml.safe_dump(head, sort_keys=False)
 
 
-def _licence_head(manifest: Manifest) -> dict[str, str]:
-    """Hugging Face knows one licence for a whole dataset, or ``other`` with a name and a place to read on."""
-    if not manifest.sources:
-        return {"license": "apache-2.0"}
-    return {
-        "license": "other",
-        "license_name": "apache-2.0-with-assets-of-others",
-        "license_link": f"{CARD_FILE}#licence",
-    }
-
-
-def _licence(manifest: Manifest, models: Sequence[ModelRecord]) -> str:
-    if not manifest.sources:
-        return _ALL_OWN.strip()
-    text = _OF_OTHERS.format(sources=", ".join(f"`{name}`" for name in sorted(manifest.sources)))
-    if models:
-        rows = (
-            (m.model, m.name, m.author, m.licence, m.source, m.split)
-            for m in sorted(models, key=lambda m: (m.source, m.model))
-        )
-        text += "\n" + _MODELS.format(rows="\n".join(f"| {' | '.join(map(_cell, row))} |" for row in rows))
-    return text.strip()
-
-
-def _cell(text: str) -> str:
-    """Foreign text in one cell of a table."""
-    plain = " ".join(text.split())
-    return "".join(f"\\{c}" if c in "\\|`*_[]<>" else c for c in plain)
-
-
 def _body(manifest: Manifest, models: Sequence[ModelRecord]) -> str:
     splits = [f"| {name} | {split.frames} | {len(split.scenes)} |" for name, split in manifest.splits.items()]
     return _BODY.format(
-        title="LanGWM homes",
+        title=_title(manifest),
+        subject="furnished scenes of iGibson 1.0" if is_igibson(manifest) else "furnished homes",
+        licence=licence_text(manifest, models),
         frames=manifest.frames,
         generator=manifest.generator,
         renderer=manifest.renderer,
@@ -225,8 +181,11 @@ def _body(manifest: Manifest, models: Sequence[ModelRecord]) -> str:
         captions=manifest.captions,
         height=manifest.camera.height,
         width=manifest.camera.width,
-        licence=_licence(manifest, models),
     )
+
+
+def _title(manifest: Manifest) -> str:
+    return "LanGWM views of iGibson 1.0" if is_igibson(manifest) else "LanGWM homes"
 
 
 def _as_list(features: Mapping[str, Any]) -> list[dict[str, Any]]:

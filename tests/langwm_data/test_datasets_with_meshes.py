@@ -32,6 +32,8 @@ CONFIG = build_config(
 class Study:
     """One training floor with two meshes."""
 
+    is_at_rest = False
+
     def __init__(self, scene, assets, identity):
         self.scene, self.assets, self.identity = scene, assets, identity
 

@@ -3,7 +3,8 @@
 import math
 from collections.abc import Sequence
 
-from langwm_data.scenes.furnishing.placement import Placement, RoomState
+from langwm_data.scenes.furnishing.piece import Placement
+from langwm_data.scenes.furnishing.placement import RoomState
 from langwm_data.scenes.furniture import Model
 from langwm_data.scenes.geometry import rects_overlap
 from langwm_data.scenes.taxonomy import CATEGORIES

@@ -7,7 +7,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
-from langwm_data.scenes.furnishing.placement import WALL_GAP, Placement, RoomState, Wall, Zone
+from langwm_data.scenes.furnishing.piece import Placement
+from langwm_data.scenes.furnishing.placement import WALL_GAP, RoomState, Wall, Zone
 from langwm_data.scenes.furniture import build_model, model_names
 from langwm_data.scenes.furniture.decor import CURTAIN_DROPS
 from langwm_data.scenes.furniture.openings import (

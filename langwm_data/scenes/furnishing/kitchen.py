@@ -13,7 +13,8 @@ from langwm_data.scenes.furnishing.common import (
     put_some_on,
 )
 from langwm_data.scenes.furnishing.living import put_dining_group
-from langwm_data.scenes.furnishing.placement import WALL_GAP, WALLS, Placement, RoomState, Wall
+from langwm_data.scenes.furnishing.piece import Placement
+from langwm_data.scenes.furnishing.placement import WALL_GAP, WALLS, RoomState, Wall
 from langwm_data.scenes.furniture import Model
 from langwm_data.scenes.furniture.kitchen import HOTPLATES, UNIT_WIDTH
 

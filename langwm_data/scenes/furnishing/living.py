@@ -14,7 +14,8 @@ from langwm_data.scenes.furnishing.common import (
     put_some_on,
     rug_height,
 )
-from langwm_data.scenes.furnishing.placement import Placement, RoomState
+from langwm_data.scenes.furnishing.piece import Placement
+from langwm_data.scenes.furnishing.placement import RoomState
 from langwm_data.scenes.furniture import Model
 
 PUSHED_IN_M = 0.25

@@ -7,17 +7,17 @@ window, or cut a part of the room off from its doorways.
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from langwm_data.scenes.furnishing.piece import Placement
 from langwm_data.scenes.furnishing.style import HomeStyle
 from langwm_data.scenes.furniture import Model
-from langwm_data.scenes.geometry import Boxes, rects_overlap, yaw_quat
-from langwm_data.scenes.spec import Quat, Rect, RoomSpec, Vec3
+from langwm_data.scenes.geometry import rects_overlap
+from langwm_data.scenes.spec import Rect, RoomSpec
 
 Wall = Literal["south", "east", "north", "west"]
 WALLS: tuple[Wall, ...] = ("south", "east", "north", "west")
@@ -39,61 +39,6 @@ _TUCKS = {("chair", "dining_table"), ("chair", "desk"), ("office_chair", "desk")
 """Pairs of which the first may stand under the second; their parts decide."""
 _ROW = {"kitchen_cabinet", "kitchen_sink", "stove", "dishwasher", "fridge", "wall_cabinet", "range_hood"}
 """Pieces that stand side by side without a gap."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Placement:
-    """A model that stands somewhere."""
-
-    model: Model
-    room: str
-    position: Vec3
-    yaw_rad: float = 0.0
-    is_fixed: bool = True
-    support: "Placement | None" = None
-    """What it lies on, if its solids may be within the bounds of that."""
-
-    @property
-    def orientation(self) -> Quat:
-        """Quaternion x, y, z, w."""
-        return yaw_quat(self.yaw_rad)
-
-    @cached_property
-    def bounds(self) -> NDArray[np.float64]:
-        """(2, 3): the axis-aligned box around it."""
-        c, s = abs(math.cos(self.yaw_rad)), abs(math.sin(self.yaw_rad))
-        w, d, h = self.model.size
-        reach = np.array([(w * c + d * s) / 2, (w * s + d * c) / 2])
-        xy = np.array(self.position[:2])
-        z = self.position[2]
-        return np.array([[*(xy - reach), z], [*(xy + reach), z + h]]).round(6)
-
-    @property
-    def footprint(self) -> Rect:
-        """The box seen from above."""
-        (x0, y0, _), (x1, y1, _) = self.bounds.tolist()
-        return (x0, y0, x1, y1)
-
-    @cached_property
-    def boxes(self) -> Boxes:
-        """Its parts in the world."""
-        return Boxes.of_parts((self.position, self.orientation, part) for part in self.model.parts)
-
-    @property
-    def top(self) -> float:
-        """Height of its highest point."""
-        return float(self.bounds[1, 2])
-
-    @property
-    def surface(self) -> float:
-        """Height at which things are put on it."""
-        height = self.model.size[2] if self.model.top is None else self.model.top.height
-        return round(self.position[2] + height, 6)
-
-    def local(self, x: float, y: float) -> tuple[float, float]:
-        """A point of the model's own frame in the world."""
-        c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
-        return (self.position[0] + c * x - s * y, self.position[1] + s * x + c * y)
 
 
 ZoneKind = Literal["doorway", "window", "front"]

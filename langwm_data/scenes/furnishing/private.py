@@ -12,7 +12,8 @@ from langwm_data.scenes.furnishing.common import (
     put_rug,
     put_some_on,
 )
-from langwm_data.scenes.furnishing.placement import Placement, RoomState
+from langwm_data.scenes.furnishing.piece import Placement
+from langwm_data.scenes.furnishing.placement import RoomState
 
 
 def furnish_bedroom(state: RoomState) -> None:

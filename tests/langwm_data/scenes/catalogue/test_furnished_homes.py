@@ -80,6 +80,16 @@ def test_a_scene_with_a_model_of_the_other_split_is_refused(homes):
         check_models(leaky)
 
 
+def test_a_test_scene_shows_models_for_test_or_of_a_source_that_holds_out_none(homes):
+    scene = homes.make("Maple_0")
+    seen = [dataclasses.replace(record, split="train") for record in scene.models]
+    assert len(seen) > 1
+    check_models(scene)
+    check_models(dataclasses.replace(scene, models=tuple(seen)))
+    with pytest.raises(ValueError, match=r"scene 'Maple_0' is for test; model .* of 'Tiny' is for train"):
+        check_models(dataclasses.replace(scene, models=(scene.models[0], *seen[1:])))
+
+
 @pytest.fixture
 def dataset(furnish, tmp_path):
     values = {
