@@ -1,6 +1,8 @@
 import dataclasses
 import json
 import logging
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
 
 import cv2
 import numpy as np
@@ -24,6 +26,14 @@ def test_a_model_is_made_ready_once(model, tmp_path, monkeypatch):
     assert make_ready(model, folder) == ready
     mesh = read_mesh(folder, ready.mesh)
     assert (len(mesh.triangles), len(mesh.sizes)) == (ready.num_triangles, ready.num_groups)
+
+
+def test_processes_may_make_the_same_model_at_once(model, tmp_path):
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(max_workers=2, mp_context=context) as pool:
+        first, second = pool.map(make_ready, [model] * 2, [tmp_path / "cache"] * 2)
+    assert first == second == make_ready(model, tmp_path / "cache")
+    assert len(list((tmp_path / "cache").iterdir())) == 2
 
 
 def test_another_size_and_another_file_are_made_anew(model, tmp_path, write_catalogue):
