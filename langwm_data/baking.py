@@ -13,6 +13,7 @@ from langwm_data.scenes.source import SceneSource
 from langwm_data.scenes.spec import SceneSpec, Split
 from langwm_data.shards.manifest import GENERATOR, Manifest, read_manifest
 from langwm_data.shards.scenes import read_scene, scene_path
+from langwm_data.sim.bullet import describe_physics
 from langwm_data.sim.settle import settle
 
 
@@ -28,12 +29,29 @@ class SceneLibrary:
         self._source = source
         self.identity: Mapping[str, str] = source.identity
         """SHA-256 of the files of others that scenes are made from, by field; see ``SceneSource``."""
+        self._baked_by = None if manifest is None else manifest.physics
         own = () if self._folder is None else (self._folder / ASSETS_DIR,)
         self.assets = Assets(*own, *source.assets.folders)
 
     def names(self, split: Split | None = None) -> tuple[str, ...]:
         """Names of all floors, or of those of one split."""
         return self._source.names(split)
+
+    @property
+    def physics(self) -> str:
+        """What let the loose things of these floors come to rest, with its version.
+
+        Raises:
+            ValueError: If that is to be done on this machine, and the physics engine is not installed.
+        """
+        if self._baked_by is not None:
+            return self._baked_by
+        try:
+            return describe_physics()
+        except ValueError as error:
+            raise ConfigError(
+                f"{error}; without it, give scenes.baked, a finished dataset of these scenes"
+            ) from error
 
     def load(self, name: str) -> SceneSpec:
         """The floor called ``name``, the same wherever it comes from; its assets are in ``assets``.
@@ -42,11 +60,21 @@ class SceneLibrary:
         dataset shows is settled as without it.
 
         Raises:
-            ValueError: If there is no such floor.
+            ValueError: If there is no such floor, or it is not there and would be settled by another
+                physics engine than the floors that are.
         """
-        if self._folder is not None and name in self.names() and scene_path(self._folder, name).is_file():
-            return read_scene(self._folder, name)
+        if self._folder is not None and name in self.names():
+            if scene_path(self._folder, name).is_file():
+                return read_scene(self._folder, name)
+            self._check_physics(name)
         return _bake(self._source, name)
+
+    def _check_physics(self, name: str) -> None:
+        if self.physics != (here := describe_physics()):
+            raise ConfigError(
+                f"field 'scenes.baked': value {str(self._folder)!r} has no scene {name!r}, and its scenes"
+                f" were settled by {self.physics}; allowed: one that has it, or scenes settled by {here}"
+            )
 
 
 @cache

@@ -15,10 +15,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from langwm_data.shards.findings import Finding, foreign
+from langwm_data.shards.findings import WRONG_CHECKSUM, Finding, foreign
 from langwm_data.shards.index import FRAMES_SCHEMA, OBJECTS_SCHEMA
 from langwm_data.shards.manifest import FRAMES_FILE, OBJECTS_FILE, Manifest
 from langwm_data.shards.sample import DatasetError
+from langwm_data.shards.writer import sha256_of
 
 _BATCH_ROWS = 64
 _BYTES_PER_ROW, _BYTES_ALWAYS = 4096, 1 << 16
@@ -34,7 +35,7 @@ def open_index(path: Path, schema: pa.Schema, num_rows: int) -> pq.ParquetFile:
     """
     try:
         file = pq.ParquetFile(path, buffer_size=1 << 16, pre_buffer=False)
-    except (OSError, pa.ArrowException) as error:
+    except (OSError, ValueError, pa.ArrowException) as error:  # ValueError: a name that is not UTF-8
         raise DatasetError(f"{path} is missing or is not a parquet file") from error
     if not file.schema_arrow.equals(schema):
         raise DatasetError(f"{path} has other columns than this program writes")
@@ -58,11 +59,15 @@ def check_rows(file: pq.ParquetFile) -> None:
     Raises:
         DatasetError: If it cannot be unpacked.
     """
+    num_rows = 0
     try:
         for batch in _iter_batches(file):
             batch.validate(full=True)
-    except (pa.ArrowException, OSError) as error:
+            num_rows += len(batch)
+    except (OSError, ValueError, pa.ArrowException) as error:
         raise DatasetError("its rows cannot be unpacked") from error
+    if num_rows != file.metadata.num_rows:
+        raise DatasetError(f"it unpacks to {num_rows} rows and says that it has {file.metadata.num_rows}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,17 +88,22 @@ class IndexPlan:
 
 def check_tables(folder: Path, manifest: Manifest) -> tuple[IndexPlan, list[Finding]]:
     """Compare the tables with the manifest, and find the rows of each shard."""
+    findings = [
+        Finding(where=name, what=WRONG_CHECKSUM)
+        for name in (FRAMES_FILE, OBJECTS_FILE)
+        if (folder / name).is_file() and sha256_of(folder / name) != manifest.files.get(name)
+    ]
     try:
         frames = open_index(folder / FRAMES_FILE, FRAMES_SCHEMA, manifest.frames)
         check_rows(frames)
     except DatasetError as error:
-        return IndexPlan(frames={}, objects={}), [_finding(folder, FRAMES_FILE, error)]
+        return IndexPlan(frames={}, objects={}), [*findings, _finding(folder, FRAMES_FILE, error)]
     table = frames.read(["key", "split", "scene", "num_captions"])
     spans, start = {}, 0
     for shard in manifest.shards:
         spans[shard.path] = Span(start=start, stop=start + shard.samples)
         start += shard.samples
-    findings = _compare_frames(table, manifest)
+    findings += _compare_frames(table, manifest)
     try:
         file = open_index(folder / OBJECTS_FILE, OBJECTS_SCHEMA, manifest.objects)
         check_rows(file)
@@ -163,14 +173,15 @@ class RowReader:
     def __init__(self, file: pq.ParquetFile) -> None:
         self._rows = _iter_rows(file)
         self._position = 0
+        self._last: dict[str, Any] | None = None
 
-    def take(self, span: Span) -> Iterator[dict[str, Any]]:
-        """The rows of one shard, after those that nobody took before."""
+    def take(self, span: Span) -> Iterator[tuple[dict[str, Any] | None, dict[str, Any]]]:
+        """The rows of one shard, after those that nobody took before, each with the row before it."""
         while self._position < span.stop:
-            row = next(self._rows)
+            before, self._last = self._last, next(self._rows)
             self._position += 1
             if self._position > span.start:
-                yield row
+                yield before, self._last
 
 
 def _iter_rows(file: pq.ParquetFile) -> Iterator[dict[str, Any]]:

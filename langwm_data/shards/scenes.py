@@ -12,15 +12,24 @@ SCENES_DIR = "scenes"
 _NAME_PATTERN = r"[A-Za-z0-9_]+"
 
 
-def scene_path(folder: Path, name: str) -> Path:
-    """Where the scene called ``name`` lies in the dataset ``folder``.
+def scene_file(name: str) -> str:
+    """Where the scene called ``name`` lies, relative to its dataset.
 
     Raises:
         DatasetError: If the name could lead out of the folder.
     """
     if not re.fullmatch(_NAME_PATTERN, name):
         raise DatasetError(f"scene name {name!r} is not allowed; allowed: letters, digits and underscores")
-    return folder / SCENES_DIR / f"{name}.json"
+    return f"{SCENES_DIR}/{name}.json"
+
+
+def scene_path(folder: Path, name: str) -> Path:
+    """Where the scene called ``name`` lies in the dataset ``folder``.
+
+    Raises:
+        DatasetError: If the name could lead out of the folder.
+    """
+    return folder / scene_file(name)
 
 
 def write_scene(folder: Path, scene: SceneSpec) -> None:
