@@ -111,7 +111,7 @@ def _source(config: ScenesConfig, baked: Manifest | None) -> SceneSource:
         return _OnlyBaked(baked)
     if config.igibson is not None:
         return IGibson(Path(config.igibson), config.seed)
-    return Homes(config.seed)
+    return Homes(config.seed, None if config.furniture is None else Path(config.furniture))
 
 
 @lru_cache(maxsize=64)

@@ -18,7 +18,7 @@ from langwm_data import atomic
 from langwm_data.scenes.assets import cache_folder
 
 TEXTURES_DIR = "textures"
-_RECIPES = ("textures.py", "texture_recipes.py", "patterns.py", "splits.py")
+_RECIPES = ("textures.py", "texture_recipes.py", "patterns.py", "../seeding.py")
 _DIGEST_BYTES = hashlib.sha256().digest_size
 
 Picture = NDArray[np.uint8]

@@ -1,7 +1,7 @@
 """Unpack the pictures of a sample quickly: three quarters of reading one is this.
 
-The generator stores all rows of a picture as they are, or all as differences from the row above. Every other
-PNG is left to a general decoder; what a sample may hold is the business of ``strict_png``.
+The generator writes PNG without row filters, so the pixels are what inflating gives, less one byte a row.
+Every other PNG is left to a general decoder; what a sample may hold is the business of ``strict_png``.
 """
 
 import struct
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from langwm_data.png import FILTER_NONE, FILTER_UP, SIGNATURE
+from langwm_data.png import SIGNATURE
 
 _HEAD = struct.Struct(">8sI4sIIBBBBB")
 _FIRST_CHUNK = 33
@@ -20,7 +20,7 @@ _FORMATS = {np.uint8: (8, 2), np.uint16: (16, 0)}
 """Bits and colour type: RGB of 8 bits, gray of 16."""
 
 
-def decode_as_written(data: bytes, dtype: type[np.uint8 | np.uint16]) -> NDArray[Any] | None:
+def decode_unfiltered(data: bytes, dtype: type[np.uint8 | np.uint16]) -> NDArray[Any] | None:
     """The image in ``data``: RGB (H, W, 3) for uint8, gray (H, W) for uint16; ``None`` if it needs more.
 
     No more is unpacked than the size in the header asks for: check that before.
@@ -38,22 +38,12 @@ def decode_as_written(data: bytes, dtype: type[np.uint8 | np.uint16]) -> NDArray
     if unpacked is None:
         return None
     rows = np.frombuffer(unpacked, np.uint8).reshape(height, row_bytes)
-    if rows[0, 0] not in (FILTER_NONE, FILTER_UP) or (rows[:, 0] != rows[0, 0]).any():
+    if rows[:, 0].any():
         return None
     pixels = rows[:, 1:].copy()
-    if rows[0, 0] == FILTER_UP:
-        _sum_down(pixels)
     if dtype is np.uint8:
         return pixels.reshape(height, width, 3)
     return pixels.view(">u2").astype(np.uint16)
-
-
-def _sum_down(rows: NDArray[np.uint8]) -> None:
-    """Add to each row all rows above it, modulo 256, in place: those of 1, 2, 4, ... rows at a time."""
-    step = 1
-    while step < len(rows):
-        rows[step:] += rows[:-step].copy()
-        step *= 2
 
 
 def _pixel_stream(data: bytes) -> bytes | None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from langwm_data.config_io import ConfigError
 from langwm_data.labels.semantic import semantic_mask
 from langwm_data.png import encode_png
-from langwm_data.shards.fast_png import decode_as_written
+from langwm_data.shards.fast_png import decode_unfiltered
 
 RGB_KEY = "rgb.png"
 DEPTH_KEY = "depth.png"
@@ -173,7 +173,7 @@ def _decode_png(data: bytes, dtype: type[np.uint8 | np.uint16], name: str) -> ND
     # Before anything is unpacked: a small file may hold a picture that fills the memory.
     if len(data) >= _PNG_SIZE.stop and max(struct.unpack(">II", data[_PNG_SIZE])) > _MAX_SIDE_PX:
         raise DatasetError(f"{name} is larger than {_MAX_SIDE_PX} pixels on a side")
-    image = decode_as_written(data, dtype)
+    image = decode_unfiltered(data, dtype)
     return image if image is not None else _decode_any_png(data, dtype, name)
 
 
