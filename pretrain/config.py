@@ -48,6 +48,13 @@ class ObjectMaskConfig:
     """Which objects are hidden behind boxes, and what is said about them. Source: Sec. 3.1.1."""
 
     max_objects: PositiveInt = 3
+    hides: bool = True
+    """Whether the chosen objects are hidden. Without, the autoencoder has dropped tokens alone to fill in.
+    Source: the paper's ablation of object masks."""
+    captions: Literal["chosen", "scene", "none"] = "chosen"
+    """What sentences are about. ``chosen``: the objects that are hidden, or would be; ``scene``: the largest
+    in the frame, whatever is hidden; ``none``: nothing. Source: the paper's ablation of language; for
+    ``scene``, Voltron, which describes the whole scene and hides tokens at random."""
     margin_px: Count = 10
     """Each side of a box moves outwards by 0 to this many pixels."""
     max_area: Fraction = 0.75
@@ -68,9 +75,17 @@ class TextConfig:
     """``minilm`` (embedded), a BERT on the Hugging Face hub, or a local folder of one."""
     num_tokens: Annotated[int, Field(ge=2, le=512)] = 20
     """Captions are padded or cut to this many; one pooled token follows."""
+    num_sentences: Annotated[int, Field(ge=1, le=16)] = 1
+    """1: all sentences share ``num_tokens``, as in the paper; more: each sentence has so many tokens of its
+    own, so that none is cut short, and those past the last place are left out. Source: ours (decision 10)."""
     precision: Literal["fp32", "bf16"] = "fp32"
     cache_mib: PositiveInt = 512
     """Memory for the embeddings of captions seen before; the least recently used go first."""
+
+    @property
+    def num_language_tokens(self) -> int:
+        """Of one caption, with the pooled token of each part."""
+        return self.num_sentences * (self.num_tokens + 1)
 
 
 @config
@@ -93,6 +108,8 @@ class MAEConfig:
     layer_norm_eps: Positive = 1e-6
     """The table's "1^-6" read as 1e-6."""
     dropout: Annotated[float, Field(ge=0, lt=1)] = 0.1
+    target: Literal["depth", "rgb"] = "depth"
+    """What is filled in. ``rgb``: colours, as MWM does. Source: Sec. 3.1.1 (decision 4)."""
     max_depth_m: Positive = 10.0
     """Depth is clipped here and predicted in units of it. Source: ours (decision 5)."""
     reward_loss: Literal["symlog", "mse"] = "symlog"
@@ -128,6 +145,11 @@ class MAEConfig:
     def num_patches(self) -> int:
         """Visual tokens of one image."""
         return self.grid[0] * self.grid[1]
+
+    @property
+    def num_channels(self) -> int:
+        """Of the target."""
+        return 1 if self.target == "depth" else 3
 
     @property
     def num_kept(self) -> int:

@@ -31,10 +31,16 @@ takes longer than everything else. Source: ours."""
 class MAEOutput:
     """What the autoencoder predicts."""
 
-    depth: Float[Tensor, "B H W"]
-    """In units of ``MAEConfig.max_depth_m``."""
+    image: Float[Tensor, "B C H W"]
+    """The target: depth in units of ``MAEConfig.max_depth_m``, or colours in ImageNet's units."""
     reward: Float[Tensor, " B"]
     """In the units of ``MAEConfig.reward_loss``."""
+
+    @property
+    def depth(self) -> Float[Tensor, "B H W"]:
+        """The target of a model of depth."""
+        assert self.image.shape[1] == 1, "this model fills in colours"
+        return self.image[:, 0]
 
 
 def random_masking(
@@ -104,9 +110,9 @@ class LanguageGroundedMAE(nn.Module):
         self.encoder = _make_transformer(config, config.encoder_layers)
         self.decoder_embed = nn.Linear(dim, dim)
         self.decoder = _make_transformer(config, config.decoder_layers)
-        self.depth_head = nn.Linear(dim, config.patch_px**2)
+        self.image_head = nn.Linear(dim, config.num_channels * config.patch_px**2)
         self.reward_head = nn.Linear(dim, 1)
-        for head in (self.depth_head, self.reward_head):
+        for head in (self.image_head, self.reward_head):
             nn.init.xavier_uniform_(head.weight, gain=HEAD_GAIN)
             nn.init.zeros_(head.bias)
 
@@ -156,15 +162,18 @@ class LanguageGroundedMAE(nn.Module):
         batch_size, num_visual = visual.shape[:2]
         cls = self.cls_token.expand(batch_size, 1, -1)
         language = self.text_proj(text.embed)
-        words, pooled = language[:, :-1] + self.text_modality, language[:, -1:] + self.pooled_modality
+        # The last token of every sentence's place is its pooled one.
+        places = rearrange(language, "b (s l) d -> b s l d", s=self.text.num_sentences)
+        words, pooled = places[:, :, :-1] + self.text_modality, places[:, :, -1:] + self.pooled_modality
+        language = rearrange(torch.cat([words, pooled], dim=2), "b s l d -> b (s l) d")
         attend = torch.cat([text.attend.new_ones(batch_size, 1 + num_visual), text.attend], dim=1)
-        tokens = self.encoder(torch.cat([cls, visual, words, pooled], dim=1), attend)
+        tokens = self.encoder(torch.cat([cls, visual, language], dim=1), attend)
         return tokens[:, : 1 + num_visual]
 
     def decode_tokens(
         self, tokens: Float[Tensor, "B cls_and_M D"], ids_restore: Int[Tensor, "B N"]
-    ) -> tuple[Float[Tensor, "B H W"], Float[Tensor, " B"]]:
-        """Fill the gaps with mask tokens, append the reward token, and read depth and reward.
+    ) -> tuple[Float[Tensor, "B C H W"], Float[Tensor, " B"]]:
+        """Fill the gaps with mask tokens, append the reward token, and read the target and the reward.
 
         Source: Eq. 3 (row 8). The reward token has its own head, unlike in MWM's code (decision 33).
         """
@@ -175,14 +184,15 @@ class LanguageGroundedMAE(nn.Module):
         reward = (self.reward_token + self.reward_position).expand(batch_size, 1, -1)
         tokens = self.decoder(torch.cat([tokens[:, :1], visual, reward], dim=1))
         rows, columns = self.config.grid
-        depth = rearrange(
-            self.depth_head(tokens[:, 1:-1]),
-            "b (r c) (y x) -> b (r y) (c x)",
+        image = rearrange(
+            self.image_head(tokens[:, 1:-1]),
+            "b (r c) (k y x) -> b k (r y) (c x)",
             r=rows,
             c=columns,
+            k=self.config.num_channels,
             y=self.config.patch_px,
         )
-        return depth.float(), self.reward_head(tokens[:, -1])[:, 0].float()
+        return image.float(), self.reward_head(tokens[:, -1])[:, 0].float()
 
     def forward(self, batch: MAEBatch, generator: torch.Generator) -> MAEOutput:
         """Predict depth and reward from a batch, dropping visual tokens at ``mask_ratio``.
@@ -196,8 +206,8 @@ class LanguageGroundedMAE(nn.Module):
         ids_keep, ids_restore = random_masking(num_images, num_patches, self.config.num_kept, generator)
         ids_keep, ids_restore = ids_keep.to(visual.device), ids_restore.to(visual.device)
         tokens = self.encode_tokens(_take(visual, ids_keep), batch.text)
-        depth, reward = self.decode_tokens(tokens, ids_restore)
-        return MAEOutput(depth=depth, reward=reward)
+        image, reward = self.decode_tokens(tokens, ids_restore)
+        return MAEOutput(image=image, reward=reward)
 
     @torch.no_grad()
     def encode(self, rgb: UInt8[Tensor, "B H W 3"]) -> Float[Tensor, "B cls_and_N D"]:
@@ -232,7 +242,7 @@ class LanguageGroundedMAE(nn.Module):
             ValueError: If there is no model, or it is damaged or of another architecture.
         """
         config, text, tensors = load_model_file(Path(folder))
-        size = (1, text.num_tokens + 1)
+        size = (1, text.num_language_tokens)
         width = tensors.get("null_embed", torch.empty(1)).shape[-1]
         null = TextTokens(embed=torch.empty(*size, width), attend=torch.empty(size, dtype=torch.bool))
         model = cls(config, text, null)

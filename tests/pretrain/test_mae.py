@@ -92,7 +92,7 @@ def test_forward_agrees_with_the_equations_written_out(mae, make_batch):
     grid[ids_keep[0]] = tokens[1:]
     reward = (mae.reward_token + mae.reward_position[0])[None]
     decoded = mae.decoder(torch.cat([tokens[:1], grid + mae.patch_position, reward])[None])[0]
-    patches = F.linear(decoded[1:-1], mae.depth_head.weight, mae.depth_head.bias)
+    patches = F.linear(decoded[1:-1], mae.image_head.weight, mae.image_head.bias)
     p, (rows, columns) = config.patch_px, config.grid
     for n in range(config.num_patches):
         row, column = divmod(n, columns)

@@ -22,7 +22,7 @@ def batch(mae_config, make_batch):
 def output(batch):
     generator = torch.Generator().manual_seed(1)
     return MAEOutput(
-        depth=torch.rand(batch.depth.shape, generator=generator),
+        image=torch.rand(batch.depth.shape, generator=generator)[:, None],
         reward=torch.randn(3, generator=generator),
     )
 
