@@ -207,9 +207,9 @@ class _Watcher:
         step, config = learner.step, self._config
         is_last = step == config.steps
         if self._held_out is not None and (step % config.valid_every == 0 or is_last):
-            found, depth = validate(learner.mae, self._held_out, config.seed)
+            found, predicted = validate(learner.mae, self._held_out, config.seed)
             metrics = metrics | found
-            panel = mae_panel(self._held_out, depth.numpy(), config.mae.max_depth_m)
+            panel = mae_panel(self._held_out, predicted.numpy(), config.mae.max_depth_m)
             atomic.write_bytes(self._out / PICTURES / f"step-{step:09d}.png", encode_png(panel))
             logger.image(step, "valid/panel", panel)
         elif step % config.log_every != 0 and step > 1 and not is_last:
