@@ -170,6 +170,13 @@ class OptimConfig:
     """After the warm-up. ``cosine`` falls to zero over the steps of the run. Source: MWM; MAE (cosine)."""
     precision: Literal["fp32", "bf16"] = "fp32"
     """``bf16``: autocast; weights and optimizer stay in fp32."""
+    accumulate: PositiveInt = 1
+    """Parts of a batch that are worked on one after another, each in a fraction of the memory."""
+    is_compiled: bool = False
+    """Whether ``torch.compile`` makes the network ready first, which takes half a minute or more."""
+    ema_decay: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """Of the running mean of the weights, which is then validated and handed on; 0: the weights themselves.
+    Source: ours, off."""
 
 
 @config
@@ -180,7 +187,7 @@ class PretrainConfig:
     """Gradient steps. Source: MWM configs.yaml (mae_pretrain); the paper does not say."""
     seed: int = 0
     batch_size: PositiveInt = 800
-    """Frames: 16 x 50 of Table 2."""
+    """Frames of one gradient step, of all parts and all processes together: 16 x 50 of Table 2."""
     device: Annotated[str, Field(min_length=1)] = "cpu"
     """As PyTorch names them: ``cpu``, ``cuda``, ``cuda:1``."""
     augment: AugmentConfig = field(default_factory=AugmentConfig)

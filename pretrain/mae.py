@@ -44,9 +44,13 @@ class MAEOutput:
 
 
 def random_masking(
-    batch_size: int, num_patches: int, num_kept: int, generator: torch.Generator
+    noise: Float[Tensor, "B N"], num_kept: int
 ) -> tuple[Int[Tensor, "B M"], Int[Tensor, "B N"]]:
     """Choose the visual tokens that stay, for each image on its own.
+
+    Args:
+        noise: Uniform; the tokens with the least stay.
+        num_kept: How many.
 
     Returns:
         ``ids_keep``, the tokens that stay, and ``ids_restore``, which puts kept and then removed
@@ -54,7 +58,6 @@ def random_masking(
 
     Source: Eq. 1 (row 2); MAE (random_masking).
     """
-    noise = torch.rand(batch_size, num_patches, generator=generator, device=generator.device)
     ids_shuffle = noise.argsort(dim=1)
     return ids_shuffle[:, :num_kept], ids_shuffle.argsort(dim=1)
 
@@ -194,16 +197,19 @@ class LanguageGroundedMAE(nn.Module):
         )
         return image.float(), self.reward_head(tokens[:, -1])[:, 0].float()
 
-    def forward(self, batch: MAEBatch, generator: torch.Generator) -> MAEOutput:
-        """Predict depth and reward from a batch, dropping visual tokens at ``mask_ratio``.
+    def token_noise(self, num_images: int, generator: torch.Generator) -> Float[Tensor, "B N"]:
+        """What decides which tokens are dropped; on the CPU, so that every device drops the same ones."""
+        return torch.rand(num_images, self.config.num_patches, generator=generator)
+
+    def forward(self, batch: MAEBatch, noise: Float[Tensor, "B N"]) -> MAEOutput:
+        """Predict the target and the reward from a batch, dropping visual tokens at ``mask_ratio``.
 
         Args:
             batch: On the device of the weights.
-            generator: Draws the token masks; on the CPU, so that every device drops the same tokens.
+            noise: From ``token_noise``.
         """
         visual = self.patchify(batch.rgb, batch.is_hidden)
-        num_images, num_patches = visual.shape[:2]
-        ids_keep, ids_restore = random_masking(num_images, num_patches, self.config.num_kept, generator)
+        ids_keep, ids_restore = random_masking(noise, self.config.num_kept)
         ids_keep, ids_restore = ids_keep.to(visual.device), ids_restore.to(visual.device)
         tokens = self.encode_tokens(_take(visual, ids_keep), batch.text)
         image, reward = self.decode_tokens(tokens, ids_restore)

@@ -24,7 +24,7 @@ def make_validation_batch(
     """Randomly chosen frames, not augmented, always with boxes and captions where there are objects."""
     rng = make_rng(seed, "validation")
     numbers = rng.choice(len(frames), size=min(num_frames, len(frames)), replace=False).tolist()
-    return make_mae_batch(rng, frames.batch(numbers), text, always_hide(objects), None)
+    return make_mae_batch([rng] * len(numbers), frames.batch(numbers), text, always_hide(objects), None)
 
 
 def always_hide(objects: ObjectMaskConfig) -> ObjectMaskConfig:
@@ -59,7 +59,7 @@ def predict_image(
     try:
         for start in range(0, len(batch), _CHUNK):
             part = batch.rows(slice(start, start + _CHUNK), text).to(mae.device)
-            parts.append(mae(part, generator).image.cpu())
+            parts.append(mae(part, mae.token_noise(len(part), generator)).image.cpu())
     finally:
         mae.train(was_training)
     return torch.cat(parts)
