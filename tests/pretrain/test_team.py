@@ -41,8 +41,7 @@ def launch(tmp_path, config, data, out):
         "torch.distributed.run",
         "--nproc-per-node",
         "2",
-        "--master-port",
-        "29641",
+        "--standalone",
     ]
     command += [str(tmp_path / "run.py"), str(tmp_path / "config.yaml"), str(data), str(out)]
     environment = os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": os.getcwd()}
