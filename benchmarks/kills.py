@@ -77,28 +77,34 @@ def finish(process: subprocess.Popen[bytes]) -> None:
         raise SystemExit(f"a job failed with exit code {process.returncode}: {said.decode()}")
 
 
-def kill_and_restart(job: Job, out: Path, kills: int, undisturbed_s: float, rng: np.random.Generator) -> int:
+def kill_and_restart(
+    job: Job, out: Path, kills: int, undisturbed_s: float, rng: np.random.Generator
+) -> list[Path]:
     """Kill a job at random moments, spread over all of it, until it was killed so often; then let it finish.
 
+    Where it is done before that, it starts over in a new folder.
+
     Returns:
-        How often it was killed. Fewer than ``kills`` if it was faster.
+        The folders that it wrote, mostly one.
     """
     startup_s = job.run(out.with_name("whole"), *job.on_this_machine)  # finds nothing to do
-    for kill in range(kills):
-        process = job.start(out, *job.on_this_machine)
-        left_s = undisturbed_s * (1 - count_shards(out) / job.num_shards)
-        delay_s = float(rng.uniform(0, 2) * (1.5 * startup_s + left_s / (kills - kill + 1)))
+    folders, killed = [out], 0
+    while killed < kills:
+        process = job.start(folders[-1], *job.on_this_machine)
+        left_s = undisturbed_s * (1 - count_shards(folders[-1]) / job.num_shards)
+        delay_s = float(rng.uniform(0, 2) * (startup_s + left_s / (kills - killed + 1)))
         try:
             process.communicate(timeout=delay_s)
         except subprocess.TimeoutExpired:
             kill_group(process)
-            print(
-                f"kill {kill + 1:3d} after {delay_s:5.2f} s: {count_shards(out)} of {job.num_shards} shards"
-            )
+            killed += 1
+            shards = f"{count_shards(folders[-1])} of {job.num_shards} shards"
+            print(f"kill {killed:3d} after {delay_s:5.2f} s: {shards}")
         else:
-            return kill
-    job.run(out, *job.on_this_machine)
-    return kills
+            print(f"done after {killed} kills; starting over in a new folder")
+            folders.append(out.with_name(f"killed-{len(folders) + 1}"))
+    job.run(folders[-1], *job.on_this_machine)
+    return folders
 
 
 def kill_group(process: subprocess.Popen[bytes]) -> None:
@@ -187,8 +193,9 @@ def main() -> None:
     verdicts = []
     if "killed" in options.ways:
         rng = np.random.default_rng(options.seed)
-        kills = kill_and_restart(job, options.out / "killed", options.kills, undisturbed_s, rng)
-        verdicts += [report(f"killed {kills} times", whole, options.out / "killed"), kills == options.kills]
+        folders = kill_and_restart(job, options.out / "killed", options.kills, undisturbed_s, rng)
+        name = f"killed {options.kills} times in {len(folders)} job{'s' * (len(folders) > 1)}"
+        verdicts += [report(name, whole, folder) for folder in folders]
     if "ranges" in options.ways:
         run_ranges(job, options.out / "ranges")
         verdicts.append(report(f"{RANGES} ranges at once", whole, options.out / "ranges"))

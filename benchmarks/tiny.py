@@ -25,7 +25,7 @@ from pretrain.config import PretrainConfig
 from pretrain.language import FrozenText
 from pretrain.mae import LanguageGroundedMAE
 from pretrain.optim import Optimizer
-from pretrain.update import batch_rng, mae_update, make_mae_batch
+from pretrain.update import batch_rngs, mae_update, make_mae_batch
 
 SCENE = "Alder_0"
 REPEATS = 5
@@ -86,7 +86,9 @@ def bench_pretraining(config: PretrainConfig, seen: list) -> None:
     )
 
     def make(step: int):
-        return make_mae_batch(batch_rng(0, step), frames, text, config.objects, config.augment)
+        return make_mae_batch(
+            batch_rngs(0, step, range(len(frames))), frames, text, config.objects, config.augment
+        )
 
     for step in range(200):
         make(step)

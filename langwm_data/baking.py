@@ -53,6 +53,19 @@ class SceneLibrary:
                 f"{error}; without it, give scenes.baked, a finished dataset of these scenes"
             ) from error
 
+    def check_whole(self) -> None:
+        """Refuse to plan frames where only those floors are known that some dataset shows.
+
+        Raises:
+            ConfigError: If so: another list of floors would give other frames.
+        """
+        if isinstance(self._source, _OnlyBaked):
+            fields = " and ".join(f"scenes.{field}" for field in self.identity)
+            raise ConfigError(
+                f"field 'scenes.baked': value {str(self._folder)!r} tells of no floors but those that it"
+                f" shows; to render frames, give {fields} as well"
+            )
+
     def load(self, name: str) -> SceneSpec:
         """The floor called ``name``, the same wherever it comes from; its assets are in ``assets``.
 
@@ -111,7 +124,15 @@ def _source(config: ScenesConfig, baked: Manifest | None) -> SceneSource:
         return _OnlyBaked(baked)
     if config.igibson is not None:
         return IGibson(Path(config.igibson), config.seed)
-    return Homes(config.seed)
+    if config.furniture is None:
+        return Homes(config.seed)
+    try:
+        return Homes(config.seed, Path(config.furniture))
+    except ValueError as error:
+        raise ConfigError(
+            f"field 'scenes.furniture': value {config.furniture!r} cannot be used: {error};"
+            " allowed: a folder with Sweet Home 3D catalogues (.sh3f)"
+        ) from error
 
 
 @lru_cache(maxsize=64)

@@ -80,6 +80,7 @@ def estimate(config: DatasetConfig, *, workers: int = 1, shards: range | None = 
     Raises:
         ConfigError: If ``config`` cannot be rendered, or has no such shards.
     """
+    open_scenes(config.scenes).check_whole()
     tasks = plan_shards(config) if shards is None else tasks_in_range(config, shards)
     floors = scenes_of(config, tasks)
     plans = _sample_plans(config, tasks[0])

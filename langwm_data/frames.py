@@ -23,7 +23,7 @@ from langwm_data.plan import FramePlan, ShardTask, plan_frame
 from langwm_data.scenes.assets import ASSETS_DIR, Assets
 from langwm_data.scenes.navigation import FreeSpace
 from langwm_data.scenes.spec import InstanceName, SceneSpec, Split
-from langwm_data.scenes.splits import check_palette
+from langwm_data.scenes.splits import check_models, check_palette
 from langwm_data.seeding import make_rng
 from langwm_data.shards.sample import Sample, to_metres, to_millimetres
 from langwm_data.shards.scenes import read_scene, write_scene
@@ -190,6 +190,7 @@ class RenderWorker:
         """One of the few floors of the dataset; all are kept."""
         if name not in self._floors:
             scene = read_scene(self._folder, name)
+            check_models(scene)
             self._floors[name] = Floor(
                 scene=scene,
                 free=camera_space(scene, self._config),

@@ -69,6 +69,7 @@ def render_dataset(
         ChildProcessError: If a worker process is killed; complete shards are kept.
     """
     check_engine(engine, workers)
+    open_scenes(config.scenes).check_whole()
     mark = fingerprint(config)  # refuses a renderer that does not open, before anything is written
     with open_output(out, fresh=fresh) as output:
         output.claim(config, fresh=fresh)
@@ -112,6 +113,7 @@ def render_range(
         ChildProcessError: As ``render_dataset``.
     """
     check_engine(engine, workers)
+    open_scenes(config.scenes).check_whole()
     tasks = tasks_in_range(config, shards)
     mark = fingerprint(config)
     with open_output(out, fresh=False) as output:

@@ -37,7 +37,7 @@ from langwm_data.shards.manifest import (
     write_manifest,
 )
 from langwm_data.shards.sample import DatasetError, decode_sample, encode_sample
-from langwm_data.shards.scenes import SCENES_DIR, read_scene, scene_file, scene_path
+from langwm_data.shards.scenes import SCENES_DIR, read_models, read_scene, scene_file, scene_path
 from langwm_data.shards.tar_walk import walk_samples
 from langwm_data.shards.writer import TarWriter, sha256_of, shard_path, write_table
 
@@ -190,7 +190,7 @@ def _repair_descriptions(folder: Path, manifest: Manifest, damaged: Collection[s
         rewrite_index(folder, manifest)
         made += [FRAMES_FILE, OBJECTS_FILE]
     if CARD_FILE in damaged:
-        write_card(folder, manifest)
+        write_card(folder, manifest, read_models(folder, manifest))
         made.append(CARD_FILE)
     if CONFIG_FILE in damaged:
         atomic.write_text(folder / CONFIG_FILE, yaml.safe_dump(manifest.config, sort_keys=False))

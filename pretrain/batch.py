@@ -86,8 +86,9 @@ class MAEBatch:
         """The same on another device."""
         return replace(self, **{name: getattr(self, name).to(device) for name in (*_TENSORS, "text")})
 
-    def rows(self, which: slice, text: TextTokens) -> "MAEBatch":
-        """Part of the batch, with the same part of ``text`` in place of its own."""
+    def rows(self, which: slice, text: TextTokens | None = None) -> "MAEBatch":
+        """Part of the batch, with the same part of ``text``, if given, in place of its own."""
+        text = self.text if text is None else text
         part = TextTokens(embed=text.embed[which], attend=text.attend[which])
         tensors = {name: getattr(self, name)[which] for name in _TENSORS}
         return replace(self, **tensors, text=part, captions=self.captions[which])

@@ -48,6 +48,13 @@ class ObjectMaskConfig:
     """Which objects are hidden behind boxes, and what is said about them. Source: Sec. 3.1.1."""
 
     max_objects: PositiveInt = 3
+    hides: bool = True
+    """Whether the chosen objects are hidden. Without, the autoencoder has dropped tokens alone to fill in.
+    Source: the paper's ablation of object masks."""
+    captions: Literal["chosen", "scene", "none"] = "chosen"
+    """What sentences are about. ``chosen``: the objects that are hidden, or would be; ``scene``: the largest
+    in the frame, whatever is hidden; ``none``: nothing. Source: the paper's ablation of language; for
+    ``scene``, Voltron, which describes the whole scene and hides tokens at random."""
     margin_px: Count = 10
     """Each side of a box moves outwards by 0 to this many pixels."""
     max_area: Fraction = 0.75
@@ -68,9 +75,17 @@ class TextConfig:
     """``minilm`` (embedded), a BERT on the Hugging Face hub, or a local folder of one."""
     num_tokens: Annotated[int, Field(ge=2, le=512)] = 20
     """Captions are padded or cut to this many; one pooled token follows."""
+    num_sentences: Annotated[int, Field(ge=1, le=16)] = 1
+    """1: all sentences share ``num_tokens``, as in the paper; more: each sentence has so many tokens of its
+    own, so that none is cut short, and those past the last place are left out. Source: ours (decision 10)."""
     precision: Literal["fp32", "bf16"] = "fp32"
     cache_mib: PositiveInt = 512
     """Memory for the embeddings of captions seen before; the least recently used go first."""
+
+    @property
+    def num_language_tokens(self) -> int:
+        """Of one caption, with the pooled token of each part."""
+        return self.num_sentences * (self.num_tokens + 1)
 
 
 @config
@@ -93,6 +108,8 @@ class MAEConfig:
     layer_norm_eps: Positive = 1e-6
     """The table's "1^-6" read as 1e-6."""
     dropout: Annotated[float, Field(ge=0, lt=1)] = 0.1
+    target: Literal["depth", "rgb"] = "depth"
+    """What is filled in. ``rgb``: colours, as MWM does. Source: Sec. 3.1.1 (decision 4)."""
     max_depth_m: Positive = 10.0
     """Depth is clipped here and predicted in units of it. Source: ours (decision 5)."""
     reward_loss: Literal["symlog", "mse"] = "symlog"
@@ -130,6 +147,11 @@ class MAEConfig:
         return self.grid[0] * self.grid[1]
 
     @property
+    def num_channels(self) -> int:
+        """Of the target."""
+        return 1 if self.target == "depth" else 3
+
+    @property
     def num_kept(self) -> int:
         """Visual tokens that the encoder sees in training."""
         return math.floor(self.num_patches * (1 - self.mask_ratio) + 1e-6)  # 80 * (1 - 0.9) is 7.99...
@@ -148,6 +170,13 @@ class OptimConfig:
     """After the warm-up. ``cosine`` falls to zero over the steps of the run. Source: MWM; MAE (cosine)."""
     precision: Literal["fp32", "bf16"] = "fp32"
     """``bf16``: autocast; weights and optimizer stay in fp32."""
+    accumulate: PositiveInt = 1
+    """Parts of a batch that are worked on one after another, each in a fraction of the memory."""
+    is_compiled: bool = False
+    """Whether ``torch.compile`` makes the network ready first, which takes half a minute or more."""
+    ema_decay: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """Of the running mean of the weights, which is then validated and handed on; 0: the weights themselves.
+    Source: ours, off."""
 
 
 @config
@@ -158,7 +187,7 @@ class PretrainConfig:
     """Gradient steps. Source: MWM configs.yaml (mae_pretrain); the paper does not say."""
     seed: int = 0
     batch_size: PositiveInt = 800
-    """Frames: 16 x 50 of Table 2."""
+    """Frames of one gradient step, of all parts and all processes together: 16 x 50 of Table 2."""
     device: Annotated[str, Field(min_length=1)] = "cpu"
     """As PyTorch names them: ``cpu``, ``cuda``, ``cuda:1``."""
     augment: AugmentConfig = field(default_factory=AugmentConfig)

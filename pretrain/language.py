@@ -4,6 +4,7 @@ Owns where text models come from and what of their output is used. Nothing here 
 """
 
 import hashlib
+import re
 from collections import OrderedDict
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -25,6 +26,10 @@ MINILM_SHA256 = "53aa51172d142c89d9012cce15ae4d6cc0ca6895895114379cacb4fab128d9d
 """Of the published all-MiniLM-L6-v2 ``model.safetensors``."""
 
 _CHUNK = 32
+_SENTENCE_END = re.compile(r"(?<=[.!?])\s+")
+
+_Row = tuple[Tensor, Tensor, bool]
+"""Tokens, which of them are no padding, and whether the text was cut to fit."""
 
 
 class FrozenText:
@@ -62,7 +67,7 @@ class FrozenText:
         row_bytes = (config.num_tokens + 1) * (2 * self.width + 1)
         self.capacity = max(config.cache_mib * 2**20 // row_bytes, 1)
         """Captions remembered at most."""
-        self._cache: OrderedDict[str, tuple[Tensor, Tensor, bool]] = OrderedDict()
+        self._cache: OrderedDict[str, _Row] = OrderedDict()
 
     @property
     def null_text(self) -> TextTokens:
@@ -71,24 +76,40 @@ class FrozenText:
 
     def embed(self, captions: Sequence[str]) -> tuple[TextTokens, Bool[Tensor, " B"]]:
         """Tokens of captions, on the CPU, and which captions were cut to fit."""
-        found: dict[str, tuple[Tensor, Tensor, bool]] = {}
-        missing = [c for c in dict.fromkeys(captions) if c not in self._cache]
+        places = self.config.num_sentences
+        parts = [(caption,) if places == 1 else split_sentences(caption) for caption in captions]
+        rows = self._look_up([part for held in parts for part in held[:places]])
+        tokens = [self._joined([rows[part] for part in held[:places]]) for held in parts]
+        is_cut = [len(held) > places or any(rows[part][2] for part in held[:places]) for held in parts]
+        embed, attend = (torch.stack(values) for values in zip(*tokens, strict=True))
+        return TextTokens(embed=embed, attend=attend), torch.tensor(is_cut)
+
+    def _look_up(self, texts: Sequence[str]) -> dict[str, _Row]:
+        """The rows of texts, from memory where they are there, and remembered as the latest."""
+        wanted = list(dict.fromkeys(texts))
+        found: dict[str, _Row] = {}
+        missing = [text for text in wanted if text not in self._cache]
         for start in range(0, len(missing), _CHUNK):
             found.update(self._encode(missing[start : start + _CHUNK]))
-        for caption in dict.fromkeys(captions):
-            row = found[caption] = found.get(caption) or self._cache.pop(caption)
-            self._cache[caption] = row
+        for text in wanted:
+            row = found[text] = found.get(text) or self._cache.pop(text)
+            self._cache[text] = row
         while len(self._cache) > self.capacity:
             self._cache.popitem(last=False)
-        rows = [found[caption] for caption in captions]
-        tokens = TextTokens(
-            embed=torch.stack([row[0].float() for row in rows]),
-            attend=torch.stack([row[1] for row in rows]),
-        )
-        return tokens, torch.tensor([row[2] for row in rows])
+        return found
+
+    def _joined(self, rows: Sequence[_Row]) -> tuple[Float[Tensor, "L D"], Bool[Tensor, " L"]]:
+        """The tokens of all parts of one caption; those of places without a part are not attended to."""
+        embed = torch.zeros(self.config.num_language_tokens, self.width)
+        attend = torch.zeros(self.config.num_language_tokens, dtype=torch.bool)
+        length = self.config.num_tokens + 1
+        for place, row in enumerate(rows):
+            embed[place * length : (place + 1) * length] = row[0]
+            attend[place * length : (place + 1) * length] = row[1]
+        return embed, attend
 
     @torch.no_grad()
-    def _encode(self, captions: Sequence[str]) -> dict[str, tuple[Tensor, Tensor, bool]]:
+    def _encode(self, captions: Sequence[str]) -> dict[str, _Row]:
         length = self.config.num_tokens
         padded = [*captions, *[""] * (_CHUNK - len(captions))]
         inputs = self._tokenizer(
@@ -107,6 +128,11 @@ class FrozenText:
             caption: (embed[i].clone(), attend[i].clone(), lengths[i] > length)
             for i, caption in enumerate(captions)
         }
+
+
+def split_sentences(caption: str) -> tuple[str, ...]:
+    """The sentences of a caption, at least one: ``("",)`` for the empty caption."""
+    return tuple(_SENTENCE_END.split(caption.strip()))
 
 
 def mean_pool(hidden: Float[Tensor, "B L D"], attend: Bool[Tensor, "B L"]) -> Float[Tensor, "B D"]:

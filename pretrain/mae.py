@@ -4,7 +4,9 @@ Owns the network and its file. Which objects are hidden and what is said about t
 ``object_masking``; captions become embeddings in ``language``; losses stand in ``losses``.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +17,7 @@ from torch import Tensor, nn
 
 from pretrain.batch import MAEBatch, TextTokens
 from pretrain.config import MAEConfig, TextConfig
-from pretrain.model_file import check_fit, load_model_file, save_model_file
+from pretrain.model_file import check_fit, find_model, load_model_file, save_model_file
 from pretrain.transformer import Transformer, grid_positions, sincos_2d
 
 IMAGENET_MEAN = (0.485, 0.456, 0.406)
@@ -31,16 +33,26 @@ takes longer than everything else. Source: ours."""
 class MAEOutput:
     """What the autoencoder predicts."""
 
-    depth: Float[Tensor, "B H W"]
-    """In units of ``MAEConfig.max_depth_m``."""
+    image: Float[Tensor, "B C H W"]
+    """The target: depth in units of ``MAEConfig.max_depth_m``, or colours in ImageNet's units."""
     reward: Float[Tensor, " B"]
     """In the units of ``MAEConfig.reward_loss``."""
 
+    @property
+    def depth(self) -> Float[Tensor, "B H W"]:
+        """The target of a model of depth."""
+        assert self.image.shape[1] == 1, "this model fills in colours"
+        return self.image[:, 0]
+
 
 def random_masking(
-    batch_size: int, num_patches: int, num_kept: int, generator: torch.Generator
+    noise: Float[Tensor, "B N"], num_kept: int
 ) -> tuple[Int[Tensor, "B M"], Int[Tensor, "B N"]]:
     """Choose the visual tokens that stay, for each image on its own.
+
+    Args:
+        noise: Uniform; the tokens with the least stay.
+        num_kept: How many.
 
     Returns:
         ``ids_keep``, the tokens that stay, and ``ids_restore``, which puts kept and then removed
@@ -48,7 +60,6 @@ def random_masking(
 
     Source: Eq. 1 (row 2); MAE (random_masking).
     """
-    noise = torch.rand(batch_size, num_patches, generator=generator, device=generator.device)
     ids_shuffle = noise.argsort(dim=1)
     return ids_shuffle[:, :num_kept], ids_shuffle.argsort(dim=1)
 
@@ -104,9 +115,9 @@ class LanguageGroundedMAE(nn.Module):
         self.encoder = _make_transformer(config, config.encoder_layers)
         self.decoder_embed = nn.Linear(dim, dim)
         self.decoder = _make_transformer(config, config.decoder_layers)
-        self.depth_head = nn.Linear(dim, config.patch_px**2)
+        self.image_head = nn.Linear(dim, config.num_channels * config.patch_px**2)
         self.reward_head = nn.Linear(dim, 1)
-        for head in (self.depth_head, self.reward_head):
+        for head in (self.image_head, self.reward_head):
             nn.init.xavier_uniform_(head.weight, gain=HEAD_GAIN)
             nn.init.zeros_(head.bias)
 
@@ -156,15 +167,18 @@ class LanguageGroundedMAE(nn.Module):
         batch_size, num_visual = visual.shape[:2]
         cls = self.cls_token.expand(batch_size, 1, -1)
         language = self.text_proj(text.embed)
-        words, pooled = language[:, :-1] + self.text_modality, language[:, -1:] + self.pooled_modality
+        # The last token of every sentence's place is its pooled one.
+        places = rearrange(language, "b (s l) d -> b s l d", s=self.text.num_sentences)
+        words, pooled = places[:, :, :-1] + self.text_modality, places[:, :, -1:] + self.pooled_modality
+        language = rearrange(torch.cat([words, pooled], dim=2), "b s l d -> b (s l) d")
         attend = torch.cat([text.attend.new_ones(batch_size, 1 + num_visual), text.attend], dim=1)
-        tokens = self.encoder(torch.cat([cls, visual, words, pooled], dim=1), attend)
+        tokens = self.encoder(torch.cat([cls, visual, language], dim=1), attend)
         return tokens[:, : 1 + num_visual]
 
     def decode_tokens(
         self, tokens: Float[Tensor, "B cls_and_M D"], ids_restore: Int[Tensor, "B N"]
-    ) -> tuple[Float[Tensor, "B H W"], Float[Tensor, " B"]]:
-        """Fill the gaps with mask tokens, append the reward token, and read depth and reward.
+    ) -> tuple[Float[Tensor, "B C H W"], Float[Tensor, " B"]]:
+        """Fill the gaps with mask tokens, append the reward token, and read the target and the reward.
 
         Source: Eq. 3 (row 8). The reward token has its own head, unlike in MWM's code (decision 33).
         """
@@ -175,29 +189,73 @@ class LanguageGroundedMAE(nn.Module):
         reward = (self.reward_token + self.reward_position).expand(batch_size, 1, -1)
         tokens = self.decoder(torch.cat([tokens[:, :1], visual, reward], dim=1))
         rows, columns = self.config.grid
-        depth = rearrange(
-            self.depth_head(tokens[:, 1:-1]),
-            "b (r c) (y x) -> b (r y) (c x)",
+        image = rearrange(
+            self.image_head(tokens[:, 1:-1]),
+            "b (r c) (k y x) -> b k (r y) (c x)",
             r=rows,
             c=columns,
+            k=self.config.num_channels,
             y=self.config.patch_px,
         )
-        return depth.float(), self.reward_head(tokens[:, -1])[:, 0].float()
+        return image.float(), self.reward_head(tokens[:, -1])[:, 0].float()
 
-    def forward(self, batch: MAEBatch, generator: torch.Generator) -> MAEOutput:
-        """Predict depth and reward from a batch, dropping visual tokens at ``mask_ratio``.
+    def token_noise(self, num_images: int, generator: torch.Generator) -> Float[Tensor, "B N"]:
+        """What decides which tokens are dropped; on the CPU, so that every device drops the same ones."""
+        return torch.rand(num_images, self.config.num_patches, generator=generator)
+
+    def forward(self, batch: MAEBatch, noise: Float[Tensor, "B N"]) -> MAEOutput:
+        """Predict the target and the reward from a batch, dropping visual tokens at ``mask_ratio``.
 
         Args:
             batch: On the device of the weights.
-            generator: Draws the token masks; on the CPU, so that every device drops the same tokens.
+            noise: From ``token_noise``.
         """
         visual = self.patchify(batch.rgb, batch.is_hidden)
-        num_images, num_patches = visual.shape[:2]
-        ids_keep, ids_restore = random_masking(num_images, num_patches, self.config.num_kept, generator)
+        ids_keep, ids_restore = random_masking(noise, self.config.num_kept)
         ids_keep, ids_restore = ids_keep.to(visual.device), ids_restore.to(visual.device)
         tokens = self.encode_tokens(_take(visual, ids_keep), batch.text)
-        depth, reward = self.decode_tokens(tokens, ids_restore)
-        return MAEOutput(depth=depth, reward=reward)
+        image, reward = self.decode_tokens(tokens, ids_restore)
+        return MAEOutput(image=image, reward=reward)
+
+    @torch.no_grad()
+    def fill_in(
+        self,
+        rgb: UInt8[Tensor, "B H W 3"],
+        *,
+        text: TextTokens | None = None,
+        is_hidden: Bool[Tensor, "B H W"] | None = None,
+        is_dropped: Bool[Tensor, "B N"] | None = None,
+    ) -> MAEOutput:
+        """Predict the target of frames that somebody masked; dropout is off.
+
+        Args:
+            rgb: Frames.
+            text: Captions, from ``FrozenText.embed``; the empty caption if not given.
+            is_hidden: Pixels that are not to be seen, such as ``boxes_mask`` gives them.
+            is_dropped: Visual tokens that are left out, as many in every frame.
+
+        Raises:
+            ValueError: If the frames are not of the size this model was trained on, or another number of
+                tokens is dropped in some frame, or all.
+        """
+        self._check_size(rgb)
+        num_patches = self.config.num_patches
+        if is_dropped is None:
+            is_dropped = torch.zeros(len(rgb), num_patches, dtype=torch.bool, device=rgb.device)
+        counts = set(is_dropped.sum(dim=1).tolist())
+        if len(counts) != 1 or counts == {num_patches}:
+            raise ValueError(
+                f"is_dropped leaves out {sorted(counts)} of {num_patches} tokens;"
+                " allowed: as many in every frame, and not all"
+            )
+        with _evaluating(self):
+            # Among the tokens that stay, and among those that go, the order is kept.
+            noise = is_dropped.float() + torch.arange(num_patches, device=rgb.device) / (2 * num_patches)
+            ids_keep, ids_restore = random_masking(noise, num_patches - counts.pop())
+            visual = _take(self.patchify(rgb, is_hidden), ids_keep)
+            tokens = self.encode_tokens(visual, self.null_text(len(rgb)) if text is None else text)
+            image, reward = self.decode_tokens(tokens, ids_restore)
+        return MAEOutput(image=image, reward=reward)
 
     @torch.no_grad()
     def encode(self, rgb: UInt8[Tensor, "B H W 3"]) -> Float[Tensor, "B cls_and_N D"]:
@@ -209,16 +267,14 @@ class LanguageGroundedMAE(nn.Module):
         Raises:
             ValueError: If the frames are not of the size this model was trained on.
         """
+        self._check_size(rgb)
+        with _evaluating(self):
+            return self.encode_tokens(self.patchify(rgb), self.null_text(len(rgb))).float()
+
+    def _check_size(self, rgb: Tensor) -> None:
         expected = (self.config.height, self.config.width, 3)
         if tuple(rgb.shape[1:]) != expected:
             raise ValueError(f"frames of shape {tuple(rgb.shape[1:])}; this model reads {expected}")
-        if self.training:
-            self.eval()
-            try:
-                return self.encode(rgb)
-            finally:
-                self.train()
-        return self.encode_tokens(self.patchify(rgb), self.null_text(len(rgb))).float()
 
     def save_pretrained(self, folder: Path) -> None:
         """Write ``config.json`` and ``model.safetensors``."""
@@ -228,17 +284,44 @@ class LanguageGroundedMAE(nn.Module):
     def from_pretrained(cls, folder: Path | str) -> "LanguageGroundedMAE":
         """Read what ``save_pretrained`` wrote, from its folder or from the run that holds it.
 
+        What is no folder here and looks like the name of a repository, such as ``somebody/langwm-homes``, is
+        fetched from the Hugging Face hub.
+
         Raises:
             ValueError: If there is no model, or it is damaged or of another architecture.
         """
-        config, text, tensors = load_model_file(Path(folder))
-        size = (1, text.num_tokens + 1)
+        folder = find_model(folder)
+        config, text, tensors = load_model_file(folder)
+        size = (1, text.num_language_tokens)
         width = tensors.get("null_embed", torch.empty(1)).shape[-1]
         null = TextTokens(embed=torch.empty(*size, width), attend=torch.empty(size, dtype=torch.bool))
         model = cls(config, text, null)
-        check_fit(Path(folder), model.state_dict(), tensors)
+        check_fit(folder, model.state_dict(), tensors)
         model.load_state_dict(tensors)
         return model.eval()
+
+
+def boxes_mask(
+    boxes_xyxy: Sequence[Sequence[tuple[float, float, float, float]]], height: int, width: int
+) -> Bool[Tensor, "B H W"]:
+    """The pixels inside the boxes of each frame: edges in pixels, right and bottom exclusive."""
+    mask = torch.zeros(len(boxes_xyxy), height, width, dtype=torch.bool)
+    for number, boxes in enumerate(boxes_xyxy):
+        for x1, y1, x2, y2 in boxes:
+            left, top = max(math.floor(x1), 0), max(math.floor(y1), 0)
+            mask[number, top : max(math.ceil(y2), 0), left : max(math.ceil(x2), 0)] = True
+    return mask
+
+
+@contextmanager
+def _evaluating(module: nn.Module) -> Iterator[None]:
+    """Dropout off for a while."""
+    was_training = module.training
+    module.eval()
+    try:
+        yield
+    finally:
+        module.train(was_training)
 
 
 def _token(dim: int) -> nn.Parameter:

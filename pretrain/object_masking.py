@@ -23,7 +23,7 @@ class HiddenObjects:
     """(H, W)."""
     objects: tuple[FrameObject, ...]
     caption: str
-    """One sentence for each hidden object, in random order; may be empty."""
+    """One sentence for each object that is told of, in random order; may be empty."""
 
 
 def hide_objects(
@@ -50,9 +50,27 @@ def hide_objects(
             break
         chosen.append(objects[number])
         x1, y1, x2, y2 = box_with_margin(rng, objects[number], size, config.margin_px)
-        is_hidden[y1:y2, x1:x2] = True
-    sentences = [] if rng.random() < config.caption_dropout else _describe(rng, chosen, size[1], config)
-    return HiddenObjects(is_hidden=is_hidden, objects=tuple(chosen), caption=" ".join(sentences))
+        is_hidden[y1:y2, x1:x2] = config.hides
+    told = _told(objects, chosen, config)
+    sentences = [] if rng.random() < config.caption_dropout else _describe(rng, told, size[1], config)
+    hidden = tuple(chosen) if config.hides else ()
+    return HiddenObjects(is_hidden=is_hidden, objects=hidden, caption=" ".join(sentences))
+
+
+def _told(
+    objects: Sequence[FrameObject], chosen: Sequence[FrameObject], config: ObjectMaskConfig
+) -> Sequence[FrameObject]:
+    """The objects that sentences are about."""
+    if config.captions == "none":
+        return ()
+    if config.captions == "chosen":
+        return chosen
+    return sorted(objects, key=_box_area, reverse=True)[: config.max_objects]
+
+
+def _box_area(obj: FrameObject) -> float:
+    x1, y1, x2, y2 = obj.bbox_xyxy
+    return (x2 - x1) * (y2 - y1)
 
 
 def box_with_margin(

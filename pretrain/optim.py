@@ -21,9 +21,9 @@ class Optimizer:
     def __init__(self, module: nn.Module, config: OptimConfig, total_steps: int | None = None) -> None:
         self.config = config
         self._total_steps = total_steps
-        self._parameters = [p for p in module.parameters() if p.requires_grad]
+        self.parameters = [p for p in module.parameters() if p.requires_grad]
         self._adam = torch.optim.Adam(
-            self._parameters, lr=config.learning_rate, eps=config.epsilon, fused=True
+            self.parameters, lr=config.learning_rate, eps=config.epsilon, fused=True
         )
 
     def step(self, loss: Tensor, step: int) -> dict[str, float]:
@@ -32,13 +32,25 @@ class Optimizer:
         Raises:
             FloatingPointError: If the loss or its gradient is not finite; the weights are left as they were.
         """
-        learning_rate = learning_rate_at(self.config, step, self._total_steps)
-        self._adam.zero_grad(set_to_none=True)
+        self.forget_gradients()
         loss.backward()
-        norm = nn.utils.clip_grad_norm_(self._parameters, self.config.max_grad_norm)
+        return self.apply_gradients(loss.item(), step)
+
+    def forget_gradients(self) -> None:
+        """Begin a step whose gradients come in several parts."""
+        self._adam.zero_grad(set_to_none=True)
+
+    def apply_gradients(self, loss: float, step: int) -> dict[str, float]:
+        """Take step number ``step`` with the gradients that are there.
+
+        Raises:
+            FloatingPointError: As ``step``.
+        """
+        learning_rate = learning_rate_at(self.config, step, self._total_steps)
+        norm = nn.utils.clip_grad_norm_(self.parameters, self.config.max_grad_norm)
         if not torch.isfinite(norm):
             raise FloatingPointError(
-                f"the loss is {loss.item()} at step {step} and its gradient's norm {norm.item()};"
+                f"the loss is {loss} at step {step} and its gradient's norm {norm.item()};"
                 f" try a learning rate below {self.config.learning_rate}"
             )
         for group in self._adam.param_groups:

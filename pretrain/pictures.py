@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from pretrain.batch import MAEBatch
-from pretrain.mae import IMAGENET_MEAN
+from pretrain.mae import IMAGENET_MEAN, IMAGENET_STD
 
 RGB = NDArray[np.uint8]
 
@@ -46,15 +46,22 @@ def make_panel(titles: Sequence[str], rows: Sequence[Sequence[RGB]], captions: S
     return np.vstack(lines).astype(np.uint8)
 
 
-def mae_panel(batch: MAEBatch, depth_m: NDArray[np.float32], max_depth_m: float, count: int = 4) -> RGB:
+def colors_to_rgb(image: NDArray[np.float32]) -> RGB:
+    """Colours (3, H, W) in ImageNet's units as a picture."""
+    mean, std = np.array(IMAGENET_MEAN), np.array(IMAGENET_STD)
+    return np.clip((image.transpose(1, 2, 0) * std + mean) * 255, 0, 255).round().astype(np.uint8)
+
+
+def mae_panel(batch: MAEBatch, predicted: NDArray[np.float32], max_depth_m: float, count: int = 4) -> RGB:
     """Input, masked input, prediction and truth of the first ``count`` frames of a batch.
 
     Args:
         batch: On the CPU.
-        depth_m: Predicted, (B, H, W).
+        predicted: (B, 1, H, W), depth in metres, or (B, 3, H, W), colours in ImageNet's units.
         max_depth_m: End of the colour scale.
         count: Rows at most.
     """
+    is_depth = predicted.shape[1] == 1
     rows = []
     for i in range(min(count, len(batch))):
         rgb, is_hidden, truth = batch.rgb[i].numpy(), batch.is_hidden[i].numpy(), batch.depth[i].numpy()
@@ -62,13 +69,15 @@ def mae_panel(batch: MAEBatch, depth_m: NDArray[np.float32], max_depth_m: float,
             [
                 rgb,
                 hide_pixels(rgb, is_hidden),
-                depth_to_rgb(np.maximum(depth_m[i], 1e-3), max_depth_m),
-                depth_to_rgb(truth, max_depth_m),
+                depth_to_rgb(np.maximum(predicted[i, 0], 1e-3), max_depth_m)
+                if is_depth
+                else colors_to_rgb(predicted[i]),
+                depth_to_rgb(truth, max_depth_m) if is_depth else rgb,
             ]
         )
-    return make_panel(
-        ("input", "masked input", "predicted depth", "true depth"), rows, batch.captions[: len(rows)]
-    )
+    what = "depth" if is_depth else "colours"
+    titles = ("input", "masked input", f"predicted {what}", f"true {what}")
+    return make_panel(titles, rows, batch.captions[: len(rows)])
 
 
 def probe_panel(

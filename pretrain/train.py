@@ -16,6 +16,7 @@ from langwm_data import atomic
 from langwm_data.config_io import ConfigError, claim_output
 from langwm_data.png import encode_png
 from langwm_data.shards.dataset import ShardDataset
+from pretrain.average import WeightAverage
 from pretrain.batch import MAEBatch
 from pretrain.checkpoint import latest_checkpoint, load_checkpoint, save_checkpoint
 from pretrain.config import PretrainConfig
@@ -27,7 +28,8 @@ from pretrain.metrics import MetricsLogger
 from pretrain.model_file import MODEL_FOLDER
 from pretrain.optim import Optimizer
 from pretrain.pictures import mae_panel
-from pretrain.update import batch_rng, mae_update, make_mae_batch, torch_seed
+from pretrain.team import Team, check_shares, joined_team, own_device
+from pretrain.update import batch_rngs, mae_update, make_mae_batch, torch_seed
 from pretrain.validation import make_validation_batch, validate
 
 log = logging.getLogger(__name__)
@@ -52,6 +54,7 @@ class _Learner:
 
     mae: LanguageGroundedMAE
     optimizer: Optimizer
+    average: WeightAverage
     step: int = 0
 
 
@@ -64,6 +67,9 @@ def pretrain_mae(
     more steps, also after its end. At a constant learning rate that, too, gives what the longer run
     would have given in one go. A cosine follows the curve of the new length from there on, so the
     learning rate rises once where the old curve was left; the metrics have it step by step.
+
+    Started by ``torchrun`` or ``accelerate launch``, all processes share each batch; the first of them
+    writes. With dropout off they learn what one process would, up to rounding.
 
     Args:
         config: Everything about the run.
@@ -81,32 +87,30 @@ def pretrain_mae(
         KeyboardInterrupt: After SIGINT or SIGTERM, once everything is saved.
         FloatingPointError: If training diverges.
     """
-    frames = _open_frames(config, data)
-    text = FrozenText(config.text, usable_device(config.device))
-    held = None if fresh else _load(out, frames.fingerprint, config.device)
-    if held is not None:
-        config = replace(config, steps=max(config.steps, held[0]))  # what is done stays done
-    claim_output(out, config, fresh=fresh, may_differ=("steps",))
-    learner = _make_learner(config, text, held)
-    if learner.step >= config.steps:
-        log.info("%s has finished its %d steps; --fresh starts over", out, learner.step)
-        return out
-    watcher = _Watcher(config, out, _held_out(config, frames.valid, text))
-    make = partial(_make_batch, config, frames.train, text)
-    with MetricsLogger(out, learner.step) as logger, stop_requests() as stop:
-        saved = learner.step
-        with _prefetched(make, range(learner.step, config.steps)) as batches:
-            while learner.step < config.steps and not stop.is_set():
-                metrics = _step(config, learner, batches)
-                watcher.look(learner, logger, metrics)
-                if learner.step % config.checkpoint_every == 0:
-                    saved = _save(learner, out, frames.fingerprint)
-                if progress is not None:
-                    progress(learner.step, config.steps)
-        if saved != learner.step:
-            _save(learner, out, frames.fingerprint)
-    if learner.step < config.steps:
-        raise KeyboardInterrupt
+    with joined_team() as team:
+        check_shares(config.batch_size, config.optimizer.accumulate, team)
+        frames = _open_frames(config, data)
+        text = FrozenText(config.text, usable_device(own_device(config.device)))
+        held = None if fresh else _load(out, frames.fingerprint, own_device(config.device))
+        team.wait()  # before the first begins a fresh run
+        if held is not None:
+            config = replace(config, steps=max(config.steps, held[0]))  # what is done stays done
+        if team.is_first:
+            claim_output(out, config, fresh=fresh, may_differ=("steps",))
+        learner = _make_learner(config, text, held)
+        if learner.step >= config.steps:
+            log.info("%s has finished its %d steps; --fresh starts over", out, learner.step)
+            return out
+        make = partial(_make_batch, config, frames.train, text, team)
+        with _make_keeper(config, out, frames, text, team, learner.step) as keeper, stop_requests() as stop:
+            with _prefetched(make, range(learner.step, config.steps)) as batches:
+                while learner.step < config.steps and not team.any(stop.is_set(), learner.mae.device):
+                    keeper.look(learner, _step(config, learner, batches, team))
+                    if progress is not None and team.is_first:
+                        progress(learner.step, config.steps)
+            keeper.save(learner)
+        if learner.step < config.steps:
+            raise KeyboardInterrupt
     return out
 
 
@@ -130,10 +134,13 @@ def _open_frames(config: PretrainConfig, data: Path) -> _Frames:
     return _Frames(train=train, valid=valid, fingerprint=ShardDataset(data).manifest.fingerprint)
 
 
-def _make_batch(config: PretrainConfig, train: FrameDataset, text: FrozenText, step: int) -> MAEBatch:
+def _make_batch(
+    config: PretrainConfig, train: FrameDataset, text: FrozenText, team: Team, step: int
+) -> MAEBatch:
     numbers = batch_numbers(config.seed, step, config.batch_size, len(train))
-    rng = batch_rng(config.seed, step)
-    return make_mae_batch(rng, train.batch(numbers), text, config.objects, config.augment)
+    rows = team.rows(config.batch_size)
+    seen = train.batch(numbers[rows.start : rows.stop])
+    return make_mae_batch(batch_rngs(config.seed, step, rows), seen, text, config.objects, config.augment)
 
 
 def _make_learner(
@@ -141,12 +148,19 @@ def _make_learner(
 ) -> _Learner:
     with torch.random.fork_rng([]):
         torch.manual_seed(torch_seed(config.seed, "weights"))
-        mae = LanguageGroundedMAE(config.mae, config.text, text.null_text).to(config.device)
-    learner = _Learner(mae=mae, optimizer=Optimizer(mae, config.optimizer, config.steps))
+        mae = LanguageGroundedMAE(config.mae, config.text, text.null_text).to(own_device(config.device))
+    learner = _Learner(
+        mae=mae,
+        optimizer=Optimizer(mae, config.optimizer, config.steps),
+        average=WeightAverage(mae, config.optimizer.ema_decay),
+    )
     if held is not None:
         learner.step, state = held
         learner.mae.load_state_dict(state["mae"])
         learner.optimizer.load_state_dict(state["optimizer"])
+        learner.average.load_state_dict(state["average"])
+    if config.optimizer.is_compiled:
+        mae.compile()
     return learner
 
 
@@ -154,9 +168,10 @@ def _save(learner: _Learner, out: Path, fingerprint: str) -> int:
     state = {
         "mae": learner.mae.state_dict(),
         "optimizer": learner.optimizer.state_dict(),
+        "average": learner.average.state_dict(),
         "data_fingerprint": fingerprint,
     }
-    learner.mae.save_pretrained(out / MODEL_FOLDER)
+    learner.average.model.save_pretrained(out / MODEL_FOLDER)
     save_checkpoint(out, learner.step, state)
     return learner.step
 
@@ -174,11 +189,16 @@ def _load(out: Path, fingerprint: str, device: str) -> tuple[int, dict[str, Any]
     return step, state
 
 
-def _step(config: PretrainConfig, learner: _Learner, batches: Iterator[MAEBatch]) -> dict[str, float]:
+def _step(
+    config: PretrainConfig, learner: _Learner, batches: Iterator[MAEBatch], team: Team
+) -> dict[str, float]:
     start = time.perf_counter()
     batch = next(batches)
     waited = time.perf_counter() - start
-    metrics = mae_update(learner.mae, learner.optimizer, batch, seed=config.seed, step=learner.step)
+    metrics = mae_update(
+        learner.mae, learner.optimizer, batch, seed=config.seed, step=learner.step, team=team
+    )
+    learner.average.follow(learner.mae)
     learner.step += 1
     elapsed = time.perf_counter() - start
     speed = {"perf/images_per_s": config.batch_size / elapsed, "perf/data_wait_share": waited / elapsed}
@@ -194,27 +214,70 @@ def _held_out(config: PretrainConfig, valid: FrameDataset | None, text: FrozenTe
     )
 
 
-class _Watcher:
-    """Writes metrics, looks at held-out frames and draws them, each at its interval."""
+class _Keeper:
+    """Writes what is left of a run: metrics, looks at held-out frames, pictures, checkpoints."""
 
-    def __init__(self, config: PretrainConfig, out: Path, held_out: MAEBatch | None) -> None:
+    def __init__(
+        self,
+        config: PretrainConfig,
+        out: Path,
+        fingerprint: str,
+        held_out: MAEBatch | None,
+        logger: MetricsLogger,
+    ) -> None:
         self._config = config
         self._out = out
+        self._fingerprint = fingerprint
         self._held_out = held_out
+        self._logger = logger
+        self._saved = -1
 
-    def look(self, learner: _Learner, logger: MetricsLogger, metrics: dict[str, float]) -> None:
+    def look(self, learner: _Learner, metrics: dict[str, float]) -> None:
         """Do what is due after this step."""
         step, config = learner.step, self._config
         is_last = step == config.steps
-        if self._held_out is not None and (step % config.valid_every == 0 or is_last):
-            found, depth = validate(learner.mae, self._held_out, config.seed)
-            metrics = metrics | found
-            panel = mae_panel(self._held_out, depth.numpy(), config.mae.max_depth_m)
-            atomic.write_bytes(self._out / PICTURES / f"step-{step:09d}.png", encode_png(panel))
-            logger.image(step, "valid/panel", panel)
-        elif step % config.log_every != 0 and step > 1 and not is_last:
-            return
-        logger.log(step, metrics)
+        is_seen = self._held_out is not None and (step % config.valid_every == 0 or is_last)
+        if is_seen:
+            metrics = metrics | self._validate(learner)
+        if is_seen or step % config.log_every == 0 or step == 1 or is_last:
+            self._logger.log(step, metrics)
+        if step % config.checkpoint_every == 0:
+            self.save(learner)
+
+    def save(self, learner: _Learner) -> None:
+        """Write model and checkpoint, unless those of this step are there."""
+        if self._saved != learner.step:
+            self._saved = _save(learner, self._out, self._fingerprint)
+
+    def _validate(self, learner: _Learner) -> dict[str, float]:
+        assert self._held_out is not None
+        found, predicted = validate(learner.average.model, self._held_out, self._config.seed)
+        panel = mae_panel(self._held_out, predicted.numpy(), self._config.mae.max_depth_m)
+        atomic.write_bytes(self._out / PICTURES / f"step-{learner.step:09d}.png", encode_png(panel))
+        self._logger.image(learner.step, "valid/panel", panel)
+        return found
+
+
+class _Bystander:
+    """In the place of a ``_Keeper`` for the members of a team that write nothing."""
+
+    def look(self, learner: _Learner, metrics: dict[str, float]) -> None:
+        """Nothing."""
+
+    def save(self, learner: _Learner) -> None:
+        """Nothing."""
+
+
+@contextmanager
+def _make_keeper(
+    config: PretrainConfig, out: Path, frames: _Frames, text: FrozenText, team: Team, step: int
+) -> Iterator[_Keeper | _Bystander]:
+    if not team.is_first:
+        yield _Bystander()
+        return
+    with MetricsLogger(out, step) as logger:
+        held_out = _held_out(config, frames.valid, text)
+        yield _Keeper(config, out, frames.fingerprint, held_out, logger)
 
 
 @contextmanager

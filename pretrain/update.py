@@ -4,22 +4,26 @@ Owns the way from frames to one optimizer step. Where frames come from and when 
 to the loops.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
+from torch import Tensor
 
 from langwm_data.seeding import derive_seed, make_rng
 from pretrain.augment import augment_frame
 from pretrain.batch import FrameBatch, MAEBatch
 from pretrain.config import AugmentConfig, ObjectMaskConfig
 from pretrain.language import FrozenText
-from pretrain.losses import mae_loss
+from pretrain.losses import ADDITIVE, loss_counts, mae_loss
 from pretrain.mae import LanguageGroundedMAE
 from pretrain.object_masking import HiddenObjects, hide_objects
 from pretrain.optim import Optimizer
+from pretrain.team import ALONE, Team
 
 
 def make_mae_batch(
-    rng: np.random.Generator,
+    rngs: Sequence[np.random.Generator],
     frames: FrameBatch,
     text: FrozenText,
     objects: ObjectMaskConfig,
@@ -28,14 +32,14 @@ def make_mae_batch(
     """Augment frames, hide objects in them and encode what is said about those.
 
     Args:
-        rng: Source of every choice.
+        rngs: One for each frame, the source of every choice about it; may be the same one.
         frames: As they were seen.
         text: Encodes the captions.
         objects: What to hide.
         augment: ``None`` leaves the frames as they are, for validation.
     """
     seen, size = [], frames.depth.shape[1:]
-    for rgb, depth, held in zip(frames.rgb, frames.depth, frames.objects, strict=True):
+    for rng, rgb, depth, held in zip(rngs, frames.rgb, frames.depth, frames.objects, strict=True):
         if augment is not None:
             rgb, depth, held = augment_frame(rng, rgb, depth, held, augment)
         seen.append((rgb, depth, hide_objects(rng, held, size, objects)))
@@ -67,30 +71,64 @@ def assemble(frames: FrameBatch, hidden: list[HiddenObjects], text: FrozenText) 
 
 
 def mae_update(
-    mae: LanguageGroundedMAE, optimizer: Optimizer, batch: MAEBatch, *, seed: int, step: int
+    mae: LanguageGroundedMAE,
+    optimizer: Optimizer,
+    batch: MAEBatch,
+    *,
+    seed: int,
+    step: int,
+    team: Team = ALONE,
 ) -> dict[str, float]:
     """Take gradient step number ``step`` on ``batch``; its metrics.
 
     Token masks and dropout depend on seed and step alone, so an interrupted run goes on with the
     same numbers.
 
+    Args:
+        mae: What learns.
+        optimizer: How, and in how many parts.
+        batch: This member's rows of the whole batch.
+        seed: Of the run.
+        step: The first is 0.
+        team: Who shares the batch.
+
     Raises:
         FloatingPointError: If the loss is not finite.
     """
     mae.train()
-    device = mae.device
+    device, num_rows = mae.device, len(batch)
     batch = batch.to(device)
-    others = [] if device.type == "cpu" else [device]
     generator = torch.Generator().manual_seed(torch_seed(seed, "tokens", step))
+    noise = mae.token_noise(num_rows * team.size, generator)
+    noise = noise[team.rank * num_rows : (team.rank + 1) * num_rows].to(device)
+    counts = team.add(loss_counts(batch, mae.config))
+    others = [] if device.type == "cpu" else [device]
+    size = num_rows // optimizer.config.accumulate
+    found: list[dict[str, Tensor]] = []
+    optimizer.forget_gradients()
     with torch.random.fork_rng(others, device_type=device.type):
-        torch.manual_seed(torch_seed(seed, "dropout", step))
-        with torch.autocast(device.type, torch.bfloat16, enabled=optimizer.config.precision == "bf16"):
-            output = mae(batch, generator)
-        loss, metrics = mae_loss(output, batch, mae.config)
-        taken = optimizer.step(loss, step)
-    return {name: value.item() for name, value in metrics.items()} | {
-        f"mae/{name}": value for name, value in taken.items()
-    }
+        torch.manual_seed(torch_seed(seed, "dropout", step) + team.rank)
+        for start in range(0, num_rows, size):
+            rows = slice(start, start + size)
+            part = batch.rows(rows)
+            with torch.autocast(device.type, torch.bfloat16, enabled=optimizer.config.precision == "bf16"):
+                output = mae(part, noise[rows])
+            loss, metrics = mae_loss(output, part, mae.config, counts)
+            loss.backward()
+            found.append({"loss": loss.detach(), **metrics})
+    team.add_gradients(optimizer.parameters)
+    summed = _summed(found, team)
+    taken = optimizer.apply_gradients(summed.pop("loss"), step)
+    return summed | {f"mae/{name}": value for name, value in taken.items()}
+
+
+def _summed(parts: list[dict[str, Tensor]], team: Team) -> dict[str, float]:
+    """Metrics of all parts of a step: losses add up, shares are averaged."""
+    names = list(parts[0])
+    totals = torch.stack([torch.stack([part[name].float() for part in parts]).sum() for name in names])
+    values = dict(zip(names, team.add(totals).tolist(), strict=True))
+    num_parts = len(parts) * team.size
+    return {name: v if name in ADDITIVE else v / num_parts for name, v in values.items()}
 
 
 def torch_seed(seed: int, *names: str | int) -> int:
@@ -98,6 +136,6 @@ def torch_seed(seed: int, *names: str | int) -> int:
     return derive_seed(seed, *names) % 2**63
 
 
-def batch_rng(seed: int, step: int) -> np.random.Generator:
-    """Source of the augmentation, boxes and captions of step ``step``."""
-    return make_rng(seed, "batch", step)
+def batch_rngs(seed: int, step: int, rows: range) -> list[np.random.Generator]:
+    """Sources of the augmentation, boxes and captions of some rows of the batch of step ``step``."""
+    return [make_rng(seed, "batch", step, row) for row in rows]

@@ -11,8 +11,8 @@ from pretrain.batch import MAEBatch, TextTokens
 from pretrain.config import ObjectMaskConfig
 from pretrain.dataset import FrameDataset
 from pretrain.language import FrozenText
-from pretrain.losses import masked_mean
-from pretrain.mae import LanguageGroundedMAE
+from pretrain.losses import masked_mean, target_error
+from pretrain.mae import LanguageGroundedMAE, MAEOutput
 from pretrain.update import make_mae_batch, torch_seed
 
 _CHUNK = 64
@@ -24,7 +24,7 @@ def make_validation_batch(
     """Randomly chosen frames, not augmented, always with boxes and captions where there are objects."""
     rng = make_rng(seed, "validation")
     numbers = rng.choice(len(frames), size=min(num_frames, len(frames)), replace=False).tolist()
-    return make_mae_batch(rng, frames.batch(numbers), text, always_hide(objects), None)
+    return make_mae_batch([rng] * len(numbers), frames.batch(numbers), text, always_hide(objects), None)
 
 
 def always_hide(objects: ObjectMaskConfig) -> ObjectMaskConfig:
@@ -32,11 +32,19 @@ def always_hide(objects: ObjectMaskConfig) -> ObjectMaskConfig:
     return replace(objects, caption_dropout=0.0, box_dropout=0.0)
 
 
-@torch.no_grad()
 def predict_depth(
     mae: LanguageGroundedMAE, batch: MAEBatch, text: TextTokens, seed: int
 ) -> Float[Tensor, "B H W"]:
-    """Predicted depth in metres, on the CPU, with dropout off.
+    """Predicted depth in metres, on the CPU, with dropout off; arguments as ``predict_image`` has them."""
+    assert mae.config.target == "depth"
+    return predict_image(mae, batch, text, seed)[:, 0] * mae.config.max_depth_m
+
+
+@torch.no_grad()
+def predict_image(
+    mae: LanguageGroundedMAE, batch: MAEBatch, text: TextTokens, seed: int
+) -> Float[Tensor, "B C H W"]:
+    """The predicted target in the units of ``MAEOutput.image``, on the CPU, with dropout off.
 
     Args:
         mae: Its mode is kept.
@@ -51,7 +59,7 @@ def predict_depth(
     try:
         for start in range(0, len(batch), _CHUNK):
             part = batch.rows(slice(start, start + _CHUNK), text).to(mae.device)
-            parts.append(mae(part, generator).depth.cpu() * mae.config.max_depth_m)
+            parts.append(mae(part, mae.token_noise(len(part), generator)).image.cpu())
     finally:
         mae.train(was_training)
     return torch.cat(parts)
@@ -67,8 +75,12 @@ def depth_error_m(
 
 def validate(
     mae: LanguageGroundedMAE, batch: MAEBatch, seed: int
-) -> tuple[dict[str, float], Float[Tensor, "B H W"]]:
-    """Metrics of the validation batch, and the depth predicted for it in metres."""
+) -> tuple[dict[str, float], Float[Tensor, "B C H W"]]:
+    """Metrics of the validation batch, and what is predicted for it: depth in metres, or colours."""
+    if mae.config.target == "rgb":
+        image = predict_image(mae, batch, batch.text, seed)
+        error, _ = target_error(MAEOutput(image=image, reward=batch.reward), batch, mae.config)
+        return {"valid/rgb_loss": error.mean().item()}, image
     limit = mae.config.max_depth_m
     depth = predict_depth(mae, batch, batch.text, seed)
     untold = predict_depth(mae, batch, mae.null_text(len(batch)), seed)
@@ -78,4 +90,4 @@ def validate(
         "valid/hidden_depth_error_m": depth_error_m(depth, batch, limit, batch.is_hidden),
         "valid/hidden_depth_error_m_no_caption": depth_error_m(untold, batch, limit, batch.is_hidden),
     }
-    return {name: error.item() for name, error in errors.items()}, depth
+    return {name: error.item() for name, error in errors.items()}, depth[:, None]

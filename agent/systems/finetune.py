@@ -43,7 +43,9 @@ class Finetuner:
         rng = make_rng(self._seed, "finetune", self.num_updates)
         num_frames = min(self._config.batch_frames, len(frames))
         chosen = select_frames(frames, rng.permutation(len(frames))[:num_frames])
-        batch = make_mae_batch(rng, chosen, self._text, self._config.objects, self._config.augment)
+        batch = make_mae_batch(
+            [rng] * len(chosen), chosen, self._text, self._config.objects, self._config.augment
+        )
         metrics = mae_update(self._mae, self._optimizer, batch, seed=self._seed, step=self.num_updates)
         self.num_updates += 1
         return metrics

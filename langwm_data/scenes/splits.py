@@ -225,3 +225,21 @@ def check_palette(scene: SceneSpec) -> None:
                 f"scene {scene.name!r}: slot {slot.name!r} holds texture {material},"
                 f" which is not for the {scene.split} split"
             )
+
+
+def check_models(scene: SceneSpec) -> None:
+    """Refuse a scene in which models of others stand that its split must not show.
+
+    A training scene shows no model that is for test. A test scene shows either none but these, or, where
+    nothing is held out, as of iGibson, models for training.
+
+    Raises:
+        ValueError: If a model of the other split is recorded in it.
+    """
+    holds_out = any(record.split == "test" for record in scene.models)
+    for record in scene.models:
+        if holds_out and record.split != scene.split:
+            raise ValueError(
+                f"scene {scene.name!r} is for {scene.split}; model {record.model!r} of {record.source!r}"
+                f" is for {record.split}"
+            )

@@ -1,12 +1,14 @@
 """The data card: a README that people read and whose head Hugging Face ``datasets`` reads."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from langwm_data import atomic
+from langwm_data.scenes.spec import ModelRecord
+from langwm_data.shards.licence import is_igibson, licence_tags, licence_text
 from langwm_data.shards.manifest import CARD_FILE, Manifest
 
 _CAPTION = {
@@ -137,27 +139,23 @@ Pillow's mode `I;16`).
 {licence}
 """
 
-_OWN_LICENCE = """\
-Homes, furniture and textures are procedural, made by the generator itself; no third-party assets are
-in these files. They may be used under the generator's licence, Apache-2.0."""
 
-_IGIBSON_LICENCE = """\
-**Not to be passed on.** These views show scenes, object models and materials of the iGibson 1.0 dataset
-(Stanford Vision and Learning Lab; models partly after ShapeNet and PartNet-Mobility), and `assets/` holds
-meshes and pictures made from its files. Who has that dataset has accepted its licence, which forbids to
-redistribute it: keep these files where that licence lets you keep the iGibson dataset."""
+def write_card(folder: Path, manifest: Manifest, models: Sequence[ModelRecord]) -> None:
+    """Write ``README.md``.
 
-
-def write_card(folder: Path, manifest: Manifest) -> None:
-    """Write ``README.md``."""
-    atomic.write_text(folder / CARD_FILE, f"---\n{_head(manifest)}---\n{_body(manifest)}")
+    Args:
+        folder: Of the dataset.
+        manifest: What it holds.
+        models: Those of others that stand in its scenes: their licences ask for their authors' names.
+    """
+    atomic.write_text(folder / CARD_FILE, f"---\n{_head(manifest)}---\n{_body(manifest, models)}")
 
 
 def _head(manifest: Manifest) -> str:
     files = [{"split": split, "path": f"{split}/*.tar"} for split in manifest.splits]
     head = {
         "pretty_name": _title(manifest),
-        **_licence_tags(manifest),
+        **licence_tags(manifest),
         "language": ["en"],
         "task_categories": ["depth-estimation", "image-to-text"],
         "tags": ["webdataset", "embodied-ai", "synthetic"],
@@ -168,12 +166,12 @@ def _head(manifest: Manifest) -> str:
     return yaml.safe_dump(head, sort_keys=False)
 
 
-def _body(manifest: Manifest) -> str:
+def _body(manifest: Manifest, models: Sequence[ModelRecord]) -> str:
     splits = [f"| {name} | {split.frames} | {len(split.scenes)} |" for name, split in manifest.splits.items()]
     return _BODY.format(
         title=_title(manifest),
-        subject="furnished scenes of iGibson 1.0" if _is_igibson(manifest) else "furnished homes",
-        licence=_IGIBSON_LICENCE if _is_igibson(manifest) else _OWN_LICENCE,
+        subject="furnished scenes of iGibson 1.0" if is_igibson(manifest) else "furnished homes",
+        licence=licence_text(manifest, models),
         frames=manifest.frames,
         generator=manifest.generator,
         renderer=manifest.renderer,
@@ -186,19 +184,8 @@ def _body(manifest: Manifest) -> str:
     )
 
 
-def _is_igibson(manifest: Manifest) -> bool:
-    return "igibson" in manifest.sources
-
-
 def _title(manifest: Manifest) -> str:
-    return "LanGWM views of iGibson 1.0" if _is_igibson(manifest) else "LanGWM homes"
-
-
-def _licence_tags(manifest: Manifest) -> dict[str, str]:
-    """As Hugging Face reads them."""
-    if _is_igibson(manifest):
-        return {"license": "other", "license_name": "igibson-1.0-dataset"}
-    return {"license": "apache-2.0"}
+    return "LanGWM views of iGibson 1.0" if is_igibson(manifest) else "LanGWM homes"
 
 
 def _as_list(features: Mapping[str, Any]) -> list[dict[str, Any]]:

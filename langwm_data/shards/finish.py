@@ -20,7 +20,7 @@ from langwm_data.shards.manifest import (
     SplitRecord,
     write_manifest,
 )
-from langwm_data.shards.scenes import scene_file
+from langwm_data.shards.scenes import read_models, scene_file
 from langwm_data.shards.writer import WORK_DIR, read_parts, sha256_of, write_table
 
 
@@ -62,7 +62,7 @@ def finish_dataset(folder: Path, records: Sequence[ShardRecord], origin: Origin)
         files={name: sha256_of(folder / name) for name in files},
         shards=list(records),
     )
-    write_card(folder, manifest)
+    write_card(folder, manifest, read_models(folder, manifest))
     write_manifest(folder, manifest)
     remove_work(folder)
     return manifest

@@ -17,7 +17,7 @@ from langwm_data.config import DatasetConfig
 from langwm_data.config_io import CONFIG_FILE, ConfigError, build_config
 from langwm_data.fingerprint import fingerprint_of
 from langwm_data.labels.semantic import CATEGORY_IDS
-from langwm_data.scenes.splits import check_palette
+from langwm_data.scenes.splits import check_models, check_palette
 from langwm_data.shards.card import write_card
 from langwm_data.shards.findings import WRONG_CHECKSUM, Finding, foreign
 from langwm_data.shards.manifest import (
@@ -148,7 +148,7 @@ def card_fault(path: Path, manifest: Manifest) -> str:
     if fault := _file_fault(path, MAX_CARD_BYTES):
         return fault
     with tempfile.TemporaryDirectory(prefix="langwm-verify-") as folder:
-        write_card(Path(folder), manifest)
+        write_card(Path(folder), manifest, ())
         expected = _head(Path(folder, CARD_FILE).read_bytes())
     try:
         head = _head(path.read_bytes())
@@ -166,6 +166,7 @@ def scene_fault(folder: Path, name: str, split: str, sha256: str | None) -> str:
             return fault
         scene = read_scene(folder, name)
         check_palette(scene)
+        check_models(scene)
     except ValueError as error:
         return str(error).removeprefix(f"{folder / SCENES_DIR / name}.json: ")[:300]
     text = path.read_bytes()

@@ -4,7 +4,8 @@ import re
 from pathlib import Path
 
 from langwm_data import atomic
-from langwm_data.scenes.spec import SceneSpec
+from langwm_data.scenes.spec import ModelRecord, SceneSpec
+from langwm_data.shards.manifest import Manifest
 from langwm_data.shards.sample import DatasetError
 
 SCENES_DIR = "scenes"
@@ -52,3 +53,18 @@ def read_scene(folder: Path, name: str) -> SceneSpec:
     if scene.name != name:
         raise DatasetError(f"{path} holds scene {scene.name!r}; it should hold {name!r}")
     return scene
+
+
+def read_models(folder: Path, manifest: Manifest) -> tuple[ModelRecord, ...]:
+    """The models of others that stand in the scenes of a dataset, each once, sorted by name.
+
+    Where the manifest names no files of others there are none, and no scene is read.
+
+    Raises:
+        DatasetError: If the file of a scene is missing or damaged.
+    """
+    if not manifest.sources:
+        return ()
+    names = sorted({name for record in manifest.splits.values() for name in record.scenes})
+    records = {record for name in names for record in read_scene(folder, name).models}
+    return tuple(sorted(records, key=lambda r: (r.model, r.split)))

@@ -158,3 +158,16 @@ def test_unknown_homes_are_refused(folder):
 def test_names_lead_to_no_other_folder(tmp_path):
     with pytest.raises(ConfigError, match=r"scene name '\.\./secret' is not allowed"):
         scene_path(tmp_path, "../secret")
+
+
+@pytest.mark.parametrize("field", ["furniture", "igibson"])
+def test_folders_without_scenes_are_named_by_their_field(field, tmp_path):
+    with pytest.raises(
+        ConfigError, match=rf"field 'scenes\.{field}': value '{tmp_path}' .*; allowed: a folder with"
+    ):
+        open_scenes(ScenesConfig(**{field: str(tmp_path)}))
+
+
+def test_furniture_is_for_homes():
+    with pytest.raises(ConfigError, match=r"scenes\.furniture 'a' is for homes; it cannot be given with"):
+        ScenesConfig(furniture="a", igibson="b")

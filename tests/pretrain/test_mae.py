@@ -28,7 +28,7 @@ def generator(seed=0):
 @settings(max_examples=40, deadline=None)
 def test_ids_restore_inverts_the_shuffle(num_patches, data, seed):
     num_kept = data.draw(st.integers(1, num_patches))
-    ids_keep, ids_restore = random_masking(3, num_patches, num_kept, generator(seed))
+    ids_keep, ids_restore = random_masking(torch.rand(3, num_patches, generator=generator(seed)), num_kept)
     tokens = torch.arange(num_patches).expand(3, -1)
     kept = tokens.gather(1, ids_keep)
     filled = torch.cat([kept, torch.full((3, num_patches - num_kept), -1)], dim=1).gather(1, ids_restore)
@@ -38,8 +38,8 @@ def test_ids_restore_inverts_the_shuffle(num_patches, data, seed):
 
 
 def test_masks_differ_between_images_and_repeat_with_the_seed():
-    first, _ = random_masking(2, 80, 20, generator(1))
-    again, _ = random_masking(2, 80, 20, generator(1))
+    first, _ = random_masking(torch.rand(2, 80, generator=generator(1)), 20)
+    again, _ = random_masking(torch.rand(2, 80, generator=generator(1)), 20)
     assert torch.equal(first, again)
     assert not torch.equal(first[0], first[1])
 
@@ -54,7 +54,7 @@ def test_token_counts_of_the_paper(make_text, make_batch):
         )
     batch = make_batch(config, batch_size=1, text_width=768)
     with torch.no_grad():
-        model(batch, generator())
+        model(batch, model.token_noise(1, generator()))
     features = model.encode(batch.rgb)
     assert seen == [("encoder", 1 + 20 + 21), ("decoder", 1 + 80 + 1), ("encoder", 1 + 80 + 21)]
     assert features.shape == (1, 1 + 80, 256)
@@ -66,8 +66,8 @@ def test_forward_agrees_with_the_equations_written_out(mae, make_batch):
     """Row by row of Eq. 3 with PyTorch's functions, for one image and known masks."""
     batch, config = make_batch(mae.config, batch_size=1), mae.config
     with torch.no_grad():
-        output = mae(batch, generator(4))
-    ids_keep, _ = random_masking(1, config.num_patches, config.num_kept, generator(4))
+        output = mae(batch, mae.token_noise(1, generator(4)))
+    ids_keep, _ = random_masking(mae.token_noise(1, generator(4)), config.num_kept)
 
     pixels = batch.rgb[0].permute(2, 0, 1) / 255
     for c in range(3):
@@ -92,7 +92,7 @@ def test_forward_agrees_with_the_equations_written_out(mae, make_batch):
     grid[ids_keep[0]] = tokens[1:]
     reward = (mae.reward_token + mae.reward_position[0])[None]
     decoded = mae.decoder(torch.cat([tokens[:1], grid + mae.patch_position, reward])[None])[0]
-    patches = F.linear(decoded[1:-1], mae.depth_head.weight, mae.depth_head.bias)
+    patches = F.linear(decoded[1:-1], mae.image_head.weight, mae.image_head.bias)
     p, (rows, columns) = config.patch_px, config.grid
     for n in range(config.num_patches):
         row, column = divmod(n, columns)
@@ -108,14 +108,20 @@ def test_hidden_pixels_do_not_reach_the_output(mae, make_batch):
     noise = torch.randint_like(batch.rgb, 256)
     changed = replace(batch, rgb=torch.where(batch.is_hidden[..., None], noise, batch.rgb))
     with torch.no_grad():
-        assert torch.equal(mae(batch, generator()).depth, mae(changed, generator()).depth)
+        assert torch.equal(
+            mae(batch, mae.token_noise(2, generator())).depth,
+            mae(changed, mae.token_noise(2, generator())).depth,
+        )
 
 
 def test_depth_and_reward_targets_do_not_reach_the_output(mae, make_batch):
     batch = make_batch(mae.config)
     changed = replace(batch, depth=batch.depth + 1, reward=batch.reward + 1)
     with torch.no_grad():
-        assert torch.equal(mae(batch, generator()).depth, mae(changed, generator()).depth)
+        assert torch.equal(
+            mae(batch, mae.token_noise(2, generator())).depth,
+            mae(changed, mae.token_noise(2, generator())).depth,
+        )
 
 
 def test_captions_reach_the_output_but_their_padding_does_not(mae, make_batch):
@@ -124,13 +130,15 @@ def test_captions_reach_the_output_but_their_padding_does_not(mae, make_batch):
     same = replace(batch, text=replace(batch.text, embed=padded))
     other = replace(batch, text=replace(batch.text, embed=batch.text.embed.flip(0)))
     with torch.no_grad():
-        depth = mae(batch, generator()).depth
-        assert torch.equal(depth, mae(same, generator()).depth)
-        assert not torch.equal(depth, mae(other, generator()).depth)
+        depth = mae(batch, mae.token_noise(2, generator())).depth
+        assert torch.equal(depth, mae(same, mae.token_noise(2, generator())).depth)
+        assert not torch.equal(depth, mae(other, mae.token_noise(2, generator())).depth)
 
 
 def test_every_weight_is_trained(mae, make_batch):
-    loss, _ = mae_loss(mae(batch := make_batch(mae.config), generator()), batch, mae.config)
+    loss, _ = mae_loss(
+        mae(batch := make_batch(mae.config), mae.token_noise(2, generator())), batch, mae.config
+    )
     loss.backward()
     assert [name for name, p in mae.named_parameters() if p.grad is None or not p.grad.any()] == []
 

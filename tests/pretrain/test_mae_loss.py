@@ -22,7 +22,7 @@ def batch(mae_config, make_batch):
 def output(batch):
     generator = torch.Generator().manual_seed(1)
     return MAEOutput(
-        depth=torch.rand(batch.depth.shape, generator=generator),
+        image=torch.rand(batch.depth.shape, generator=generator)[:, None],
         reward=torch.randn(3, generator=generator),
     )
 
@@ -55,10 +55,10 @@ def test_loss_agrees_with_a_plain_loop(mae_config, batch, output, reward_loss):
 
 
 def test_invalid_pixels_and_missing_rewards_have_no_gradient(mae_config, batch, output):
-    depth, reward = output.depth.requires_grad_(), output.reward.requires_grad_()
+    image, reward = output.image.requires_grad_(), output.reward.requires_grad_()
     mae_loss(output, batch, mae_config)[0].backward()
-    assert not depth.grad[batch.depth == 0].any()
-    assert depth.grad[batch.depth > 0].all()
+    assert not image.grad[:, 0][batch.depth == 0].any()
+    assert image.grad[:, 0][batch.depth > 0].all()
     assert (reward.grad != 0).tolist() == batch.has_reward.tolist()
 
 

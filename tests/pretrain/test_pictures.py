@@ -40,7 +40,7 @@ def test_panel_has_every_image_at_its_place():
 def test_panel_of_a_batch_shows_input_mask_prediction_and_truth(mae_config, make_batch):
     batch = make_batch(mae_config, batch_size=3)
     predicted = torch.rand_like(batch.depth).numpy() * 10
-    panel = mae_panel(batch, predicted, 10.0, count=2)
+    panel = mae_panel(batch, predicted[:, None], 10.0, count=2)
     assert len(panel) == 18 + 2 * (32 + 18)
     second = panel[18 + 50 : 18 + 50 + 32]
     assert np.array_equal(second[:, :48], batch.rgb[1])

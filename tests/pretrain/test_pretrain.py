@@ -18,7 +18,7 @@ from pretrain.checkpoint import latest_checkpoint
 from pretrain.config import AugmentConfig, ObjectMaskConfig, OptimConfig, PretrainConfig, TextConfig
 from pretrain.metrics import read_metrics
 from pretrain.optim import Optimizer, learning_rate_at
-from pretrain.update import batch_rng, mae_update, make_mae_batch
+from pretrain.update import batch_rngs, mae_update, make_mae_batch
 
 
 def losses(run):
@@ -159,7 +159,9 @@ def test_global_generators_are_left_alone(pretrain_config, data_folder, tmp_path
 def test_overfits_one_batch(mae_config, make_frames, text):
     torch.manual_seed(0)
     model = LanguageGroundedMAE(replace(mae_config, mask_ratio=0.25), TextConfig(), text.null_text)
-    batch = make_mae_batch(batch_rng(0, 0), make_frames(4), text, ObjectMaskConfig(max_objects=1), None)
+    batch = make_mae_batch(
+        batch_rngs(0, 0, range(4)), make_frames(4), text, ObjectMaskConfig(max_objects=1), None
+    )
     config = OptimConfig(learning_rate=3e-3, warmup_steps=10)
     optimizer = Optimizer(model, config)
     found = [mae_update(model, optimizer, batch, seed=0, step=s) for s in range(160)]
@@ -173,14 +175,14 @@ def test_bf16_stays_close_to_fp32(mae_config, make_frames, text):
         torch.manual_seed(0)
         model = LanguageGroundedMAE(mae_config, TextConfig(), text.null_text)
         config = OptimConfig(precision=precision)
-        batch = make_mae_batch(batch_rng(0, 0), make_frames(4), text, ObjectMaskConfig(), None)
+        batch = make_mae_batch(batch_rngs(0, 0, range(4)), make_frames(4), text, ObjectMaskConfig(), None)
         found.append(mae_update(model, Optimizer(model, config), batch, seed=0, step=0))
     assert found[0]["mae/depth_loss"] == pytest.approx(found[1]["mae/depth_loss"], rel=0.03)
 
 
 def test_a_batch_depends_on_its_generator_alone(make_frames, text):
     first, second = (
-        make_mae_batch(batch_rng(0, 5), make_frames(4), text, ObjectMaskConfig(), AugmentConfig())
+        make_mae_batch(batch_rngs(0, 5, range(4)), make_frames(4), text, ObjectMaskConfig(), AugmentConfig())
         for _ in range(2)
     )
     assert first.captions == second.captions
@@ -191,7 +193,7 @@ def test_a_batch_depends_on_its_generator_alone(make_frames, text):
 
 def test_hiding_leaves_colours_and_depth_alone(make_frames, text):
     frames = make_frames(4)
-    batch = make_mae_batch(batch_rng(0, 5), frames, text, ObjectMaskConfig(), None)
+    batch = make_mae_batch(batch_rngs(0, 5, range(len(frames))), frames, text, ObjectMaskConfig(), None)
     assert np.array_equal(batch.rgb, frames.rgb)
     assert np.array_equal(batch.depth, frames.depth)
     assert batch.is_hidden.any(dim=(1, 2)).all()
