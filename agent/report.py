@@ -19,7 +19,6 @@ import pyarrow.parquet as pq
 from agent.evaluate import AGENT as AGENT_ROW
 from agent.evaluate import EVAL_FOLDER, Row, Score, read_rows, summarise
 from agent.figures import Curve, Walk, curve_figure, map_figure
-from agent.statistics import Interval, bootstrap_interval, paired_bootstrap_interval
 from langwm_data import atomic
 from langwm_data.png import image_address
 from langwm_data.scenes.navigation import floor_plan
@@ -31,6 +30,7 @@ from langwm_data.shards.sample import Sample
 from langwm_data.shards.summary import summarise as summarise_dataset
 from pretrain.metrics import read_metrics
 from pretrain.model_file import load_model_file
+from pretrain.statistics import Interval, bootstrap_interval, paired_bootstrap_interval
 
 REPORT_FILE = "report.html"
 DATA, MAE, PROBE, AGENT = "data", "mae", "probe", "agent"
