@@ -1,6 +1,7 @@
 """What the autoencoder is told of a hidden object: the truth, nothing, something else, or a lie.
 
-Owns the captions of the probe. A lie is about one slot and keeps template, rule and the two other slots of the true caption.
+Owns the captions of the probe. A lie is about one slot and keeps template, rule and the two other slots of
+the true caption.
 """
 
 import dataclasses

@@ -4,7 +4,7 @@ Owns the measurement. All predictions for a frame share pixels, box and token ma
 differs. What is made of the errors stands in ``compare``.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,7 +82,6 @@ def measure_grounding(
     prior: DepthPrior,
     *,
     seed: int,
-    captions: Sequence[str] = CAPTIONS,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> GroundingResult:
     """Errors of one model on one scene with every caption, and of not looking at all.
@@ -93,7 +92,6 @@ def measure_grounding(
         scene: The frames.
         prior: Of the training frames.
         seed: Of the token masks.
-        captions: Which of ``CAPTIONS`` to try.
         progress: Called with frames done and all frames.
 
     Raises:
@@ -102,7 +100,7 @@ def measure_grounding(
     parts = []
     for start in range(0, len(scene), _CHUNK):
         rows = slice(start, start + _CHUNK)
-        depth_of = predict_with_captions(mae, text, scene, seed, rows=rows, captions=captions)
+        depth_of = predict_with_captions(mae, text, scene, seed, rows=rows)
         truth = scene.batch.depth[rows]
         depth_of[MEAN] = torch.full_like(truth, prior.mean_m)
         depth_of[PIXEL_MEAN] = torch.from_numpy(prior.pixel_mean_m).expand_as(truth)
@@ -124,7 +122,6 @@ def predict_with_captions(
     seed: int,
     *,
     rows: slice = slice(None),
-    captions: Sequence[str] = CAPTIONS,
 ) -> dict[str, Float[Tensor, "B H W"]]:
     """Depth in metres by caption for some frames; meaningless where a frame lacks a caption.
 
@@ -134,12 +131,11 @@ def predict_with_captions(
         scene: The frames.
         seed: Of the token masks: the same for all captions.
         rows: Which of the frames.
-        captions: Which of ``CAPTIONS``.
     """
     batch, claims = scene.batch.rows(rows), scene.claims[rows]
     seed = derive_seed(seed, "probe", rows.start or 0)
     depth_of = {}
-    for name in captions:
+    for name in CAPTIONS:
         if name == EMPTY:
             tokens = mae.null_text(len(batch)).to("cpu")
         else:

@@ -1,0 +1,135 @@
+"""Simple readers of frozen features: ridge regression and nearest neighbours, and scores of what they read.
+
+Pure functions of arrays. Classes are read as numbers, 1 where something is so and 0 where not, and the
+largest wins; so one closed form does for all tasks, and nothing is fitted by chance.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.stats import rankdata
+
+Features = Float[np.ndarray, "N F"]
+Targets = Float[np.ndarray, "N K"]
+
+RIDGE_STRENGTHS = tuple(10.0**power for power in range(-4, 4))
+"""Of the penalty, in units of the number of frames: features are standardised."""
+NUM_NEIGHBORS = (1, 5, 20, 50)
+_CHUNK = 512
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What was read from the test frames."""
+
+    predicted: Float[np.ndarray, "N K"]
+    knob: float
+    """The strength or the number of neighbours that the validation frames chose."""
+
+
+Reader = Callable[[Features, Targets, Features, Sequence[float]], Float[np.ndarray, "S N K"]]
+"""Fits the first two, and reads the third with every knob."""
+
+
+def standardise(train: Features, *others: Features) -> list[Features]:
+    """All features in units of the training frames' mean and spread; what never varies becomes 0."""
+    mean, spread = train.mean(axis=0), train.std(axis=0)
+    scale = np.where(spread > 1e-6 * max(float(spread.max(initial=0.0)), 1e-12), spread, np.inf)
+    return [(x - mean) / scale for x in (train, *others)]
+
+
+def read_by_ridge(
+    train: Features, targets: Targets, test: Features, strengths: Sequence[float]
+) -> Float[np.ndarray, "S N K"]:
+    """Least squares with a squared penalty on the weights, but not on the offset.
+
+    Args:
+        train: Features to fit.
+        targets: What should be read from them.
+        test: Features to read.
+        strengths: Penalties, each times the number of training frames.
+    """
+    center, offset = train.mean(axis=0), targets.mean(axis=0)
+    values, vectors = np.linalg.eigh((train - center).T @ (train - center))
+    seen = vectors.T @ ((train - center).T @ (targets - offset))
+    read = (test - center) @ vectors
+    shrunk = [seen / (np.maximum(values, 0) + s * len(train))[:, None] for s in strengths]
+    return np.stack([read @ weights + offset for weights in shrunk])
+
+
+def read_by_neighbors(
+    train: Features, targets: Targets, test: Features, counts: Sequence[float]
+) -> Float[np.ndarray, "S N K"]:
+    """The mean target of the nearest training frames, by straight distance between features."""
+    limits = [min(int(k), len(train)) for k in counts]
+    parts = []
+    for start in range(0, len(test), _CHUNK):
+        part = test[start : start + _CHUNK]
+        distance = (train**2).sum(axis=1) - 2 * part @ train.T
+        nearest = np.argsort(distance, axis=1, kind="stable")[:, : max(limits)]
+        parts.append(np.stack([targets[nearest[:, :k]].mean(axis=1) for k in limits]))
+    return np.concatenate(parts, axis=1)
+
+
+def read_out(
+    reader: Reader,
+    knobs: Sequence[float],
+    train: tuple[Features, Targets],
+    test: Features,
+    is_validation: Bool[np.ndarray, " N"],
+) -> Reading:
+    """Choose a knob on part of the training frames, then read the test frames after all of them.
+
+    Args:
+        reader: How.
+        knobs: To choose from, by squared error.
+        train: Features, standardised here, and targets.
+        test: Features.
+        is_validation: The training frames on which the knob is chosen.
+    """
+    features, targets = train
+    fit, valid = standardise(features[~is_validation], features[is_validation])
+    tried = reader(fit, targets[~is_validation], valid, knobs)
+    best = int(((tried - targets[is_validation]) ** 2).mean(axis=(1, 2)).argmin())
+    seen, unseen = standardise(features, test)
+    return Reading(reader(seen, targets, unseen, knobs[best : best + 1])[0], float(knobs[best]))
+
+
+def r2(predicted: Targets, truth: Targets, guess: Targets) -> float:
+    """The share of the squared error of ``guess`` that is gone; 1 is perfect, 0 no better than it."""
+    return 1 - float(((predicted - truth) ** 2).sum() / max(((guess - truth) ** 2).sum(), 1e-12))
+
+
+def accuracy(predicted: Targets, truth: Targets) -> float:
+    """How often the largest number is that of the true class."""
+    return float((predicted.argmax(axis=1) == truth.argmax(axis=1)).mean())
+
+
+def area_under_curve(scores: Float[np.ndarray, " N"], is_so: Bool[np.ndarray, " N"]) -> float:
+    """How often a case that is so has a higher score than one that is not; ties count half.
+
+    Not a number where all cases are alike. Source: Mann and Whitney (1947).
+    """
+    positives = int(is_so.sum())
+    negatives = len(is_so) - positives
+    if not positives or not negatives:
+        return float("nan")
+    ranks = rankdata(scores)
+    return float((ranks[is_so].sum() - positives * (positives + 1) / 2) / (positives * negatives))
+
+
+def mean_area(predicted: Targets, truth: Targets) -> float:
+    """Mean area under the curve over the columns that have cases of both kinds."""
+    areas = np.array([area_under_curve(p, t > 0.5) for p, t in zip(predicted.T, truth.T, strict=True)])
+    return float(np.nanmean(areas)) if np.isfinite(areas).any() else float("nan")
+
+
+def hold_out(rng: np.random.Generator, groups: Int[np.ndarray, " N"]) -> Bool[np.ndarray, " N"]:
+    """About a fifth of the rows, in whole groups where there are several: the rows to validate on."""
+    names = np.unique(groups)
+    if len(names) == 1:
+        groups = names = np.arange(len(groups))
+    chosen = rng.permutation(names)[: max(len(names) // 5, 1)]
+    return np.isin(groups, chosen)
