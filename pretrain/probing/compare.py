@@ -70,41 +70,41 @@ def compare_group(
     return Group(name=name, num_frames=num_frames, captions=compare(part, rng))
 
 
-def by_distance(result: GroundingResult, rng: np.random.Generator, region: str = OBJECT) -> list[Group]:
+def by_distance(result: GroundingResult, rng: np.random.Generator) -> list[Group]:
     """A group for each bin of the hidden object's distance."""
     distance = np.array([o.distance_m for o in result.scene.objects])
     bins = np.searchsorted(DISTANCE_EDGES_M, distance, side="right") - 1
     named = {_bin_name(i): bins == i for i in range(len(DISTANCE_EDGES_M) - 1)}
-    return _groups(result, named, rng, region)
+    return _groups(result, named, rng)
 
 
-def by_category(result: GroundingResult, rng: np.random.Generator, region: str = OBJECT) -> list[Group]:
+def by_category(result: GroundingResult, rng: np.random.Generator) -> list[Group]:
     """A group for each category hidden often enough, the most frequent first."""
     category = np.array([o.category for o in result.scene.objects])
     names, counts = np.unique(category, return_counts=True)
     often = [str(n) for n in names[np.argsort(-counts, kind="stable")]]
     named = {n: category == n for n in often if (category == n).sum() >= MIN_CATEGORY_ROWS}
-    return _groups(result, named, rng, region)
+    return _groups(result, named, rng)
 
 
 def by_model_split(
-    result: GroundingResult, split_of: Mapping[str, str], rng: np.random.Generator, region: str = OBJECT
+    result: GroundingResult, split: str, split_of: Mapping[str, str], rng: np.random.Generator
 ) -> list[Group]:
-    """Groups by who may have seen the hidden object's furniture model.
+    """Groups by which split's furniture models the hidden objects are.
 
     Args:
         result: What was measured.
-        split_of: The split of each model that the dataset's scenes have on record; empty if they have none.
+        split: Of the frames, for the names of the groups.
+        split_of: The split of each model that the dataset's scenes have on record; none if it is empty.
         rng: Draws the resamples.
-        region: Where errors are compared.
     """
     splits = np.array([split_of.get(o.model, "") for o in result.scene.objects])
     named = {
-        "furniture models seen in training": splits == "train",
-        "unseen furniture models": splits == "test",
-        "procedural furniture": splits == "",
+        f"{split} frames, furniture models of training": splits == "train",
+        f"{split} frames, unseen furniture models": splits == "test",
+        f"{split} frames, procedural furniture": splits == "",
     }
-    return _groups(result, named, rng, region) if split_of else []
+    return _groups(result, named, rng) if split_of else []
 
 
 def heed_distance(
@@ -120,10 +120,8 @@ def heed_distance(
     return bootstrap_interval(share[np.isfinite(share)], rng)
 
 
-def _groups(
-    result: GroundingResult, named: Mapping[str, Mask], rng: np.random.Generator, region: str
-) -> list[Group]:
-    errors = {name: by_region[region] for name, by_region in result.errors.items()}
+def _groups(result: GroundingResult, named: Mapping[str, Mask], rng: np.random.Generator) -> list[Group]:
+    errors = result.errors_in(OBJECT)
     found = [compare_group(name, errors, where, rng) for name, where in named.items()]
     return [group for group in found if group is not None]
 

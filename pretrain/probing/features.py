@@ -90,8 +90,20 @@ def choose_frames(rng: np.random.Generator, table: pa.Table, num_frames: int) ->
     return np.flatnonzero(is_chosen[groups]).tolist()
 
 
-def see_frames(frames: FrameDataset, numbers: Sequence[int], encoders: Mapping[str, Encoder]) -> SeenFrames:
-    """Read frames once: their features by every encoder, and the answers to every question."""
+def see_frames(
+    frames: FrameDataset,
+    numbers: Sequence[int],
+    encoders: Mapping[str, Encoder],
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> SeenFrames:
+    """Read frames once: their features by every encoder, and the answers to every question.
+
+    Args:
+        frames: Of one split.
+        numbers: Which of them.
+        encoders: By name.
+        progress: Called with frames read and all frames to read.
+    """
     shards = frames.shards
     table = shards.frames.take(numbers)
     intrinsics = np.array(shards.manifest.camera.K)
@@ -107,6 +119,7 @@ def see_frames(frames: FrameDataset, numbers: Sequence[int], encoders: Mapping[s
         for encoder, encode in encoders.items():
             for kind, values in encode(batch.rgb).items():
                 features.setdefault((encoder, kind), []).append(values)
+        progress(min(start + _CHUNK, len(numbers)), len(numbers))
     scenes = {name: shards.scene(name) for name in set(table["scene"].to_pylist())}
     return SeenFrames(
         table=table,

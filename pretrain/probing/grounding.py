@@ -44,6 +44,10 @@ class GroundingResult:
     depths: Mapping[str, Errors]
     """By caption or baseline: mean predicted depth of the object."""
 
+    def errors_in(self, region: str) -> dict[str, Errors]:
+        """Errors in one region, by caption or baseline."""
+        return {name: held[region] for name, held in self.errors.items()}
+
     def to_table(self, **columns: str) -> pa.Table:
         """A row per frame and caption, to be written as parquet.
 
