@@ -163,7 +163,7 @@ def probe(config: PretrainConfig, out: Path) -> None:
 def write_panels(
     folder: Path, mae: LanguageGroundedMAE, text: FrozenText, scene: ProbeScene, seed: int
 ) -> None:
-    """Pictures of the first frames whose box is large enough to see, whatever came out for them."""
+    """Pictures of some frames, whatever came out for them."""
     panels = []
     for i in shown_rows(scene.batch, PANELS):
         told = scene.claims[i]

@@ -36,11 +36,11 @@ class SeenFrames:
 
     table: pa.Table
     """Their rows of the dataset's index."""
-    rooms: NDArray[np.str_]
+    rooms: list[str]
     categories: list[list[str]]
     obstacles: Float[np.ndarray, "N 2"]
     """See ``nearest_obstacle``."""
-    features: Mapping[tuple[str, str], Float[np.ndarray, "N F"]]
+    features: Mapping[tuple[str, str], Float[np.ndarray, "_ _"]]
     """By the names of the encoder and of its features."""
 
     @cached_property

@@ -97,13 +97,13 @@ def attention_figure(
     """
     kept = [i for i, word in enumerate(words) if word]
     num_layers = len(attention.cells)
-    top = float(attention.cells[..., kept].max())
     figure = Figure(figsize=(0.85 * (len(kept) + 1) + 2.2, 0.95 * num_layers + 0.3), layout="constrained")
     axes = figure.subplots(
         num_layers, len(kept) + 2, width_ratios=[1] * (len(kept) + 1) + [2.4], squeeze=False
     )
     box = cells_inside(is_hidden, attention.cells.shape[1:3]).astype(float)
     for layer, row in enumerate(axes):
+        top = float(attention.cells[layer][..., kept].max())
         row[0].imshow(hide_pixels(rgb, is_hidden))
         row[0].set_ylabel(f"layer {layer + 1}", fontsize=7, color=SOFT)
         for ax, i in zip(row[1:-1], kept, strict=True):

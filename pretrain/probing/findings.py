@@ -102,6 +102,6 @@ def findings(numbers: Numbers) -> list[str]:
     heeded = numbers.heeded
     lines.append(
         f"Where the distance is contradicted, the predicted depth of the object follows by"
-        f" {100 * heeded.mean:.0f} % of what is said ({range_text(heeded, 0, 100)} %)."
+        f" {100 * heeded.mean:.0f} % of what is said ({range_text(heeded, 0, 100.0)} %)."
     )
     return lines

@@ -17,9 +17,10 @@ _NOT_INVALID_M = 1e-3
 
 
 def shown_rows(batch: MAEBatch, count: int) -> list[int]:
-    """The first frames whose box is large enough to see, whatever came out for them."""
-    shares = batch.is_hidden.float().mean(dim=(1, 2))
-    return torch.nonzero(shares > MIN_SHARE).flatten()[:count].tolist()
+    """Frames whose box is large enough to see, evenly spaced, whatever came out for them."""
+    large = torch.nonzero(batch.is_hidden.float().mean(dim=(1, 2)) > MIN_SHARE).flatten()
+    places = np.linspace(0, len(large) - 1, min(count, len(large))).round().astype(int)
+    return large[torch.from_numpy(places)].tolist()
 
 
 def panel_images(

@@ -11,12 +11,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.stats import rankdata
 
-Features = Float[np.ndarray, "N F"]
-Targets = Float[np.ndarray, "N K"]
+Features = Float[np.ndarray, "_ F"]
+Targets = Float[np.ndarray, "_ K"]
 
 RIDGE_STRENGTHS = tuple(10.0**power for power in range(-4, 4))
 """Of the penalty, in units of the number of frames: features are standardised."""
-NUM_NEIGHBORS = (1, 5, 20, 50)
+NUM_NEIGHBORS = (1.0, 5.0, 20.0, 50.0)
 _CHUNK = 512
 
 
@@ -29,7 +29,7 @@ class Reading:
     """The strength or the number of neighbours that the validation frames chose."""
 
 
-Reader = Callable[[Features, Targets, Features, Sequence[float]], Float[np.ndarray, "S N K"]]
+Reader = Callable[[Features, Targets, Features, Sequence[float]], Float[np.ndarray, "S _ K"]]
 """Fits the first two, and reads the third with every knob."""
 
 
@@ -42,7 +42,7 @@ def standardise(train: Features, *others: Features) -> list[Features]:
 
 def read_by_ridge(
     train: Features, targets: Targets, test: Features, strengths: Sequence[float]
-) -> Float[np.ndarray, "S N K"]:
+) -> Float[np.ndarray, "S _ K"]:
     """Least squares with a squared penalty on the weights, but not on the offset.
 
     Args:
@@ -61,7 +61,7 @@ def read_by_ridge(
 
 def read_by_neighbors(
     train: Features, targets: Targets, test: Features, counts: Sequence[float]
-) -> Float[np.ndarray, "S N K"]:
+) -> Float[np.ndarray, "S _ K"]:
     """The mean target of the nearest training frames, by straight distance between features."""
     limits = [min(int(k), len(train)) for k in counts]
     parts = []

@@ -30,7 +30,7 @@ from pretrain.statistics import resampled_interval
 
 ROOM, PRESENT = "kind of room", "categories in sight"
 DISTANCE, BEARING = "distance of the nearest obstacle", "bearing of the nearest obstacle"
-NEXT, NEXT_BLIND = "next frame's features", "next frame's features, action unknown"
+NEXT, NEXT_BLIND = "next frame", "next frame, action unknown"
 READERS: Mapping[str, tuple[Reader, Sequence[float]]] = {
     "linear": (read_by_ridge, RIDGE_STRENGTHS),
     "kNN": (read_by_neighbors, NUM_NEIGHBORS),
@@ -61,7 +61,7 @@ class FeatureScore:
     knob: float
 
 
-Answers = Float[np.ndarray, "N K"]
+Answers = Float[np.ndarray, "_ K"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,9 +74,9 @@ class Task:
     """Of what was read and what is true."""
     train: Answers
     test: Answers
-    has_answer: tuple[Bool[np.ndarray, " N"], Bool[np.ndarray, " N"]]
+    has_answer: tuple[Bool[np.ndarray, " _"], Bool[np.ndarray, " _"]]
     """Training and test frames that have one."""
-    guess: Float[np.ndarray, "1 K"]
+    guess: Answers
     """The best answer without looking."""
 
 
@@ -90,8 +90,9 @@ def make_tasks(train: SeenFrames, test: SeenFrames) -> list[Task]:
 
 
 def _room_task(train: SeenFrames, test: SeenFrames) -> Task:
-    kinds = sorted(set(train.rooms.tolist()) - {NOWHERE})
-    answers = [(seen.rooms[:, None] == np.array(kinds, dtype=str)).astype(float) for seen in (train, test)]
+    kinds = sorted(set(train.rooms) - {NOWHERE})
+    kinds = kinds if len(kinds) > 1 else []  # nothing to tell apart
+    answers = [categories_present([[room] for room in seen.rooms], kinds) for seen in (train, test)]
     return Task(
         name=ROOM,
         score="accuracy",
@@ -212,7 +213,7 @@ def score_dynamics(
         ]
         reading = read_out(read_by_ridge, RIDGE_STRENGTHS, (inputs[0], change[0]), inputs[1], is_validation)
         interval = resampled_interval(
-            lambda rows, p=reading.predicted: r2(p[rows], change[1][rows], np.zeros((1, 1))),
+            lambda rows, p=reading.predicted: r2(p[rows], change[1][rows], np.zeros_like(change[1][:1])),
             test.drives[first_test],
             make_rng(seed, "interval", task),
             resamples=_RESAMPLES,

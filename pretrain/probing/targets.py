@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pyarrow as pa
 from jaxtyping import Float, Int
-from numpy.typing import NDArray
 
 from langwm_data.config import RobotConfig
 from langwm_data.scenes.spec import SceneSpec
@@ -17,7 +16,7 @@ NOWHERE = ""
 """Kind of the room of a camera that stands in none, such as in a doorway."""
 
 
-def room_kinds(frames: pa.Table, scenes: Mapping[str, SceneSpec]) -> NDArray[np.str_]:
+def room_kinds(frames: pa.Table, scenes: Mapping[str, SceneSpec]) -> list[str]:
     """Kind of the room in which each camera stands.
 
     Args:
@@ -25,7 +24,7 @@ def room_kinds(frames: pa.Table, scenes: Mapping[str, SceneSpec]) -> NDArray[np.
         scenes: By name.
     """
     places = zip(*(frames[name].to_pylist() for name in ("scene", "camera_x", "camera_y")), strict=True)
-    return np.array([_room_kind(scenes[scene], x, y) for scene, x, y in places])
+    return [_room_kind(scenes[scene], x, y) for scene, x, y in places]
 
 
 def _room_kind(scene: SceneSpec, x: float, y: float) -> str:
@@ -43,7 +42,9 @@ def categories_present(objects: Sequence[Sequence[str]], names: Sequence[str]) -
         objects: Per frame, the categories of the objects in it.
         names: The categories asked for.
     """
-    return np.array([[float(name in held) for name in names] for held in objects]).reshape(-1, len(names))
+    return np.array([[float(name in held) for name in names] for held in objects]).reshape(
+        len(objects), len(names)
+    )
 
 
 def frequent_categories(

@@ -16,8 +16,8 @@ TITLES: Mapping[str, str] = MappingProxyType(
         DISTANCE: "far for near, near for far",
         DIRECTION: "left for right",
         CATEGORY: "another category",
-        MEAN: "mean depth of the training frames",
-        PIXEL_MEAN: "mean depth at each pixel",
+        MEAN: "mean depth",
+        PIXEL_MEAN: "mean at each pixel",
     }
 )
 REGION_TITLES: Mapping[str, str] = MappingProxyType(
