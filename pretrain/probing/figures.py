@@ -24,7 +24,7 @@ def region_figure(regions: Mapping[str, Mapping[str, Comparison]]) -> str:
     axes = np.atleast_1d(figure.subplots(1, len(regions), sharey=True))
     for ax, (region, captions) in zip(axes, regions.items(), strict=True):
         for y, held in enumerate(captions.values()):
-            _draw_interval(ax, y, held.error_m, SERIES[1] if held.more_m else ACCENT)
+            _draw_interval(ax, float(y), held.error_m, SERIES[1] if held.more_m else ACCENT)
         ax.set_yticks(range(len(captions)), [TITLES[n] for n in captions])
         ax.axvline(captions["right"].error_m.mean, color=ACCENT, linewidth=0.8, linestyle=":")
         tidy_axes(ax, REGION_TITLES[region])

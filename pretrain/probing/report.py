@@ -3,12 +3,15 @@
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+from jaxtyping import Bool
+
 from langwm_data.png import image_address
 from pretrain.config import ProbeConfig
 from pretrain.language import FrozenText
 from pretrain.mae import LanguageGroundedMAE
 from pretrain.page import render_page
-from pretrain.probing.attention import attend_to_words, cells_inside
+from pretrain.probing.attention import WordAttention, attend_to_words, cells_inside
 from pretrain.probing.claims import CAPTIONS, RIGHT
 from pretrain.probing.compare import MIN_CATEGORY_ROWS
 from pretrain.probing.figures import attention_figure, distance_figure, region_figure, score_figure
@@ -107,25 +110,29 @@ def _attention(mae: LanguageGroundedMAE, text: FrozenText, grounding: Grounding)
         one = batch.rows(slice(row, row + 1))
         (attention,) = attend_to_words(mae, one.rgb, one.is_hidden, one.text)
         rgb, is_hidden = one.rgb[0].numpy(), one.is_hidden[0].numpy()
-        inside = cells_inside(is_hidden, mae.config.grid)
-        shares = [
-            {"layer": i + 1, "inside": _percent(a), "outside": _percent(b), "cls": _percent(c)}
-            for i, (a, b, c) in enumerate(
-                zip(
-                    attention.share(inside),
-                    attention.share(~inside),
-                    attention.cls.sum(axis=1),
-                    strict=True,
-                )
-            )
-        ]
         picture = attention_figure(rgb, is_hidden, text.words(one.captions[0]), attention)
+        shares = _word_shares(attention, cells_inside(is_hidden, mae.config.grid))
         found.append({"caption": one.captions[0], "picture": picture, "shares": shares})
     return found
 
 
+def _word_shares(
+    attention: WordAttention, is_inside: Bool[np.ndarray, "rows columns"]
+) -> list[dict[str, str]]:
+    """Of each layer, what words have of the attention of cells in the box, of other cells, and of CLS."""
+    columns = {
+        "inside": attention.share(is_inside),
+        "outside": attention.share(~is_inside),
+        "cls": attention.cls.sum(axis=1),
+    }
+    return [
+        {"layer": str(layer + 1)} | {name: _percent(float(held[layer])) for name, held in columns.items()}
+        for layer in range(len(attention.cls))
+    ]
+
+
 def _percent(share: float) -> str:
-    return "" if share != share else f"{100 * share:.0f}"
+    return f"{100 * share:.0f}" if np.isfinite(share) else "nothing"
 
 
 def _task_tables(scores: Sequence[FeatureScore]) -> list[dict[str, Any]]:

@@ -161,7 +161,7 @@ def test_frames_of_another_size_are_refused(mae_config, bert_folder, text, run, 
 
 def test_a_folder_that_is_not_of_a_probe_is_left_alone(run, data, tmp_path):
     (tmp_path / "mine.txt").write_text("x")
-    with pytest.raises(ConfigError, match="is not empty and holds no config.yaml"):
+    with pytest.raises(ConfigError, match=r"is not empty and holds no config\.yaml"):
         probe_mae(ProbeConfig(run=run, data=str(data), frames=6), tmp_path)
     other = tmp_path / "other"
     claim_output(other, ProbeConfig(run=run, data=str(data), frames=5))
