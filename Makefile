@@ -42,6 +42,8 @@ format: setup-dev  ## Rewrite the code in the project's format
 	$(BIN)/ruff check --fix .
 
 bench: setup-dev  ## Measure speed; prints one line per figure
+	$(BIN)/python benchmarks/render.py $(if $(FURNITURE),--furniture $(FURNITURE))
+	$(BIN)/python benchmarks/renderers.py
 	$(BIN)/python benchmarks/tiny.py
 
 clean:  ## Remove caches and the demo's output, keep .venv

@@ -102,9 +102,15 @@ def render_dataset_command(
 def inspect_command(
     data: Annotated[Path, typer.Argument(help="Dataset folder.")],
     key: Annotated[str | None, typer.Argument(help="Name of one frame; without it, the dataset.")] = None,
-    out: Annotated[Path | None, typer.Option("--out", help="PNG of the frame, or .rrd with --rerun.")] = None,
-    gallery: Annotated[Path | None, typer.Option("--gallery", help="Write an HTML page of frames.")] = None,
-    plots: Annotated[Path | None, typer.Option("--plots", help="Folder for histograms as PNG.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", dir_okay=False, help="PNG of the frame, or .rrd with --rerun.")
+    ] = None,
+    gallery: Annotated[
+        Path | None, typer.Option("--gallery", dir_okay=False, help="Write an HTML page of frames.")
+    ] = None,
+    plots: Annotated[
+        Path | None, typer.Option("--plots", file_okay=False, help="Folder for histograms as PNG.")
+    ] = None,
     rerun: Annotated[bool, typer.Option("--rerun", help="Show frames in the Rerun viewer.")] = False,
     count: Annotated[int, typer.Option("--count", min=1, help="Frames on the page or in the viewer.")] = 24,
 ) -> None:
@@ -346,7 +352,8 @@ def _verify(data: Path, *, repair: bool, rerender: int, workers: int) -> "Verify
             report = verify_dataset(data, workers=workers, progress=progress)
         if report.is_sound and rerender:
             with _progress("frames drawn again") as progress:
-                report = report.with_findings(redraw_frames(data, rerender, progress=progress))
+                again = redraw_frames(data, rerender, progress=progress)
+            report = report.with_redrawn(min(rerender, report.frames), again)
         return report
 
     report = verify()
@@ -383,7 +390,8 @@ def _is_ours(error: ValueError) -> bool:
 
 def _explain_os_error(error: OSError) -> str:
     what = os.strerror(error.errno) if error.errno else str(error)
-    where = f" at {error.filename!r}" if error.filename else ""
+    place = error.filename2 or error.filename  # of a rename it is the second that was asked for
+    where = f" at {str(place)!r}" if place else ""
     advice = "; make room, then give the same command again" if error.errno == errno.ENOSPC else ""
     return f"{what}{where}{advice}"
 

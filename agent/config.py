@@ -7,7 +7,14 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from langwm_data.config import CameraConfig, LabelsConfig, RenderConfig, RobotConfig, ScenesConfig
+from langwm_data.config import (
+    CameraConfig,
+    LabelsConfig,
+    LightLimits,
+    RenderConfig,
+    RobotConfig,
+    ScenesConfig,
+)
 from langwm_data.config_io import ConfigError, config
 from pretrain.config import AugmentConfig, MAEConfig, ObjectMaskConfig, OptimConfig, TextConfig
 
@@ -37,6 +44,14 @@ class RewardConfig:
 
 
 @config
+class EpisodeRandomizeConfig(LightLimits):
+    """What is drawn anew for every episode beside its materials. Source: ours (ADR-0013)."""
+
+    lights: Literal["fixed", "episode"] = "fixed"
+    """``fixed``: as ``render.lights`` says; ``episode``: drawn around it from the seed of the textures."""
+
+
+@config
 class EnvConfig:
     """PointGoal navigation. Source: iGibson turtlebot_point_nav.yaml unless said otherwise."""
 
@@ -44,6 +59,7 @@ class EnvConfig:
     robot: RobotConfig = field(default_factory=RobotConfig)
     scenes: ScenesConfig = field(default_factory=ScenesConfig)
     render: RenderConfig = field(default_factory=RenderConfig)
+    randomize: EpisodeRandomizeConfig = field(default_factory=EpisodeRandomizeConfig)
     labels: LabelsConfig = field(default_factory=LabelsConfig)
     reward: RewardConfig = field(default_factory=RewardConfig)
     max_linear_m_s: Positive = 0.5
@@ -65,6 +81,13 @@ class EnvConfig:
     """Black frames in place of rendering: many times faster, for policies that read the task entry alone."""
     seed_eval: int = 0
     """Seed of the fixed evaluation episodes."""
+
+    def __post_init__(self) -> None:
+        """Refuse lights that the renderer does not have."""
+        if self.randomize.lights != "fixed" and self.render.backend == "tiny":
+            raise ConfigError(
+                f"env.randomize.lights {self.randomize.lights} needs env.render.backend auto, gl or embree"
+            )
 
 
 @config

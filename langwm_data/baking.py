@@ -8,10 +8,12 @@ from langwm_data.config import ScenesConfig
 from langwm_data.config_io import ConfigError
 from langwm_data.scenes.assets import ASSETS_DIR, NO_ASSETS, Assets
 from langwm_data.scenes.homes import Homes
+from langwm_data.scenes.igibson.source import IGibson
 from langwm_data.scenes.source import SceneSource
 from langwm_data.scenes.spec import SceneSpec, Split
 from langwm_data.shards.manifest import GENERATOR, Manifest, read_manifest
 from langwm_data.shards.scenes import read_scene, scene_path
+from langwm_data.sim.bullet import describe_physics
 from langwm_data.sim.settle import settle
 
 
@@ -27,12 +29,42 @@ class SceneLibrary:
         self._source = source
         self.identity: Mapping[str, str] = source.identity
         """SHA-256 of the files of others that scenes are made from, by field; see ``SceneSource``."""
+        self._baked_by = None if manifest is None else manifest.physics
         own = () if self._folder is None else (self._folder / ASSETS_DIR,)
         self.assets = Assets(*own, *source.assets.folders)
 
     def names(self, split: Split | None = None) -> tuple[str, ...]:
         """Names of all floors, or of those of one split."""
         return self._source.names(split)
+
+    @property
+    def physics(self) -> str:
+        """What let the loose things of these floors come to rest, with its version.
+
+        Raises:
+            ValueError: If that is to be done on this machine, and the physics engine is not installed.
+        """
+        if self._baked_by is not None:
+            return self._baked_by
+        try:
+            return describe_physics()
+        except ValueError as error:
+            raise ConfigError(
+                f"{error}; without it, give scenes.baked, a finished dataset of these scenes"
+            ) from error
+
+    def check_whole(self) -> None:
+        """Refuse to plan frames where only those floors are known that some dataset shows.
+
+        Raises:
+            ConfigError: If so: another list of floors would give other frames.
+        """
+        if isinstance(self._source, _OnlyBaked):
+            fields = " and ".join(f"scenes.{field}" for field in self.identity)
+            raise ConfigError(
+                f"field 'scenes.baked': value {str(self._folder)!r} tells of no floors but those that it"
+                f" shows; to render frames, give {fields} as well"
+            )
 
     def load(self, name: str) -> SceneSpec:
         """The floor called ``name``, the same wherever it comes from; its assets are in ``assets``.
@@ -41,11 +73,21 @@ class SceneLibrary:
         dataset shows is settled as without it.
 
         Raises:
-            ValueError: If there is no such floor.
+            ValueError: If there is no such floor, or it is not there and would be settled by another
+                physics engine than the floors that are.
         """
-        if self._folder is not None and name in self.names() and scene_path(self._folder, name).is_file():
-            return read_scene(self._folder, name)
+        if self._folder is not None and name in self.names():
+            if scene_path(self._folder, name).is_file():
+                return read_scene(self._folder, name)
+            self._check_physics(name)
         return _bake(self._source, name)
+
+    def _check_physics(self, name: str) -> None:
+        if self.physics != (here := describe_physics()):
+            raise ConfigError(
+                f"field 'scenes.baked': value {str(self._folder)!r} has no scene {name!r}, and its scenes"
+                f" were settled by {self.physics}; allowed: one that has it, or scenes settled by {here}"
+            )
 
 
 @cache
@@ -60,6 +102,8 @@ def open_scenes(config: ScenesConfig) -> SceneLibrary:
 
 class _OnlyBaked:
     """The floors of a dataset that were made from files of others, which may not be on this machine."""
+
+    is_at_rest = True
 
     def __init__(self, manifest: Manifest) -> None:
         self.assets = NO_ASSETS
@@ -78,12 +122,23 @@ def _source(config: ScenesConfig, baked: Manifest | None) -> SceneSource:
     is_named = config.furniture is not None or config.igibson is not None
     if baked is not None and baked.sources and not is_named:
         return _OnlyBaked(baked)
-    return Homes(config.seed)
+    if config.igibson is not None:
+        return IGibson(Path(config.igibson), config.seed)
+    if config.furniture is None:
+        return Homes(config.seed)
+    try:
+        return Homes(config.seed, Path(config.furniture))
+    except ValueError as error:
+        raise ConfigError(
+            f"field 'scenes.furniture': value {config.furniture!r} cannot be used: {error};"
+            " allowed: a folder with Sweet Home 3D catalogues (.sh3f)"
+        ) from error
 
 
 @lru_cache(maxsize=64)
 def _bake(source: SceneSource, name: str) -> SceneSpec:
-    return settle(source.make(name))
+    scene = source.make(name)
+    return scene if source.is_at_rest else settle(scene)
 
 
 def _check_origin(

@@ -143,21 +143,27 @@ def _ascending(limits: tuple[float, float]) -> tuple[float, float]:
     return limits
 
 
+_Kelvin = Annotated[float, Field(ge=2222, le=25000)]
+
+
 @config
-class RandomizeConfig:
-    """How often materials and lights are drawn anew, and from what. Source: ours."""
+class LightLimits:
+    """Between what lights are drawn. Source: ours (ADR-0013)."""
+
+    light_factor: Annotated[tuple[Positive, Positive], AfterValidator(_ascending)] = (0.6, 1.2)
+    """Limits of what the strength of each light is multiplied by."""
+    light_temperature_k: Annotated[tuple[_Kelvin, _Kelvin], AfterValidator(_ascending)] = (3500.0, 9000.0)
+    """Limits of the colour temperature of each light, kelvin; 6500 is about white."""
+
+
+@config
+class RandomizeConfig(LightLimits):
+    """How often materials and lights are drawn anew, and from what. Source: ours (ADR-0013)."""
 
     palette: Literal["block", "frame"] = "block"
     """``block``: for ``cameras.frames_per_palette`` frames; ``frame``: for each."""
     lights: Literal["fixed", "block", "frame"] = "fixed"
     """``fixed``: as ``render.lights`` says; else drawn around it, recorded with every frame."""
-    light_factor: Annotated[tuple[Positive, Positive], AfterValidator(_ascending)] = (0.6, 1.2)
-    """Limits of what the strength of each light is multiplied by."""
-    light_temperature_k: Annotated[
-        tuple[Annotated[float, Field(ge=2222, le=25000)], Annotated[float, Field(ge=2222, le=25000)]],
-        AfterValidator(_ascending),
-    ] = (3500.0, 9000.0)
-    """Limits of the colour temperature of each light, kelvin; 6500 is about white."""
 
 
 @config
@@ -170,6 +176,10 @@ class LabelsConfig:
     """Depth is clipped here before the mean distance is taken."""
     distance_format: Literal["integer", "decimal"] = "integer"
     """``integer``: rounded metres; ``decimal``: one decimal."""
+
+
+_MAX_SHARDS = 900_000
+"""Of both splits: names of shards have six digits."""
 
 
 @config
@@ -197,7 +207,12 @@ class DatasetConfig:
     shards: ShardsConfig = field(default_factory=ShardsConfig)
 
     def __post_init__(self) -> None:
-        """Refuse cameras that look into things, and lights that the renderer does not have."""
+        """Refuse cameras in things, lights that the renderer does not have, and too many shards."""
+        if self.frames > _MAX_SHARDS * self.shards.samples_per_shard:
+            raise ConfigError(
+                f"frames {self.frames} with shards.samples_per_shard {self.shards.samples_per_shard} make"
+                f" more than {_MAX_SHARDS} shards; allowed: larger shards or fewer frames"
+            )
         if self.randomize.lights != "fixed" and self.render.backend == "tiny":
             raise ConfigError(
                 f"randomize.lights {self.randomize.lights} needs render.backend auto, gl or embree"

@@ -146,6 +146,8 @@ def differing_fields(old: Mapping[str, Any], new: Mapping[str, Any], prefix: str
 def claim_output(out: Path, value: Any, *, fresh: bool = False, may_differ: Sequence[str] = ()) -> None:  # noqa: ANN401
     """Make ``out`` the folder of this config: write ``config.yaml``, or check the one that is there.
 
+    Several jobs may claim it at once: one writes, the others compare.
+
     Args:
         out: Folder of the run or dataset.
         value: The resolved config.
@@ -158,19 +160,27 @@ def claim_output(out: Path, value: Any, *, fresh: bool = False, may_differ: Sequ
     """
     if out.exists() and not out.is_dir():
         raise ConfigError(f"--out {str(out)!r} is a file; give a folder")
-    path = out / CONFIG_FILE
-    if out.is_dir() and any(out.iterdir()) and not path.is_file():
+    path, text = out / CONFIG_FILE, config_to_yaml(value)
+    if _holds_something(out) and not path.is_file():
         raise ConfigError(f"--out {str(out)!r} is not empty and holds no {CONFIG_FILE}; give a new folder")
-    if path.is_file():
-        old, new = _read_mapping(path), config_to_dict(value)
-        if fresh:
-            _remove_run(out, old, new)
-        elif fields := differing_fields(_without(old, may_differ), _without(new, may_differ)):
-            raise ConfigError(
-                f"--out {str(out)!r} holds a run of another configuration: {'; '.join(fields)};"
-                " use another folder, the same configuration, or --fresh to start over"
-            )
-    atomic.write_text(path, config_to_yaml(value))
+    new = config_to_dict(value)
+    if fresh and path.is_file():
+        _remove_run(out, _read_mapping(path), new)
+    if not path.is_file() and atomic.create_text(path, text):
+        return
+    old = _read_mapping(path)
+    if fields := differing_fields(_without(old, may_differ), _without(new, may_differ)):
+        raise ConfigError(
+            f"--out {str(out)!r} holds a run of another configuration: {'; '.join(fields)};"
+            " use another folder, the same configuration, or --fresh to start over"
+        )
+    if path.read_text("utf-8") != text:
+        atomic.write_text(path, text)
+
+
+def _holds_something(out: Path) -> bool:
+    """Whether there is more in ``out`` than what a job leaves that is only just claiming it."""
+    return out.is_dir() and not all(atomic.is_temporary(p.name, CONFIG_FILE) for p in out.iterdir())
 
 
 def _remove_run(out: Path, old: Mapping[str, Any], new: Mapping[str, Any]) -> None:

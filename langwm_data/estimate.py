@@ -7,11 +7,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from langwm_data.baking import open_scenes
 from langwm_data.config import DatasetConfig
 from langwm_data.frames import BakeTask, RenderWorker
 from langwm_data.plan import FramePlan, ShardTask, plan_frame, plan_shards, scenes_of, tasks_in_range
 from langwm_data.shards.sample import Sample
 from langwm_data.shards.scenes import scene_path
+from langwm_data.shards.summary import format_size
 from langwm_data.shards.writer import part_files, write_shard
 
 _SAMPLE_FRAMES = 16
@@ -57,10 +59,11 @@ class Estimate:
         return "\n".join(
             (
                 f"frames  {self.frames:,} in {self.shards:,} shards, of {self.floors} floors",
-                f"disk    {self.disk_bytes / 1e9:.3g} GB, {self.bytes_per_frame / 1e3:.3g} kB a frame",
-                f"memory  {self.memory_bytes / 1e9:.2g} GB, {self.worker_bytes / 1e9:.2g} GB a worker",
-                f"time    {self.hours:.2g} hours with {self.workers} workers of a core each:"
-                f" {self.seconds_per_frame * 1e3:.3g} ms a frame, {self.seconds_per_floor:.2g} s a floor",
+                f"disk    {format_size(self.disk_bytes)}, {format_size(self.bytes_per_frame)} a frame",
+                f"memory  {format_size(self.memory_bytes)}, {format_size(self.worker_bytes)} a worker",
+                f"time    {_duration(self.hours)} with {self.workers} worker{'s' * (self.workers > 1)} of a"
+                f" core each: {self.seconds_per_frame * 1e3:.3g} ms a frame,"
+                f" {self.seconds_per_floor:.2g} s a floor",
                 f"measured on {self.sample_frames} frames, which are thrown away",
             )
         )
@@ -77,16 +80,19 @@ def estimate(config: DatasetConfig, *, workers: int = 1, shards: range | None = 
     Raises:
         ConfigError: If ``config`` cannot be rendered, or has no such shards.
     """
+    open_scenes(config.scenes).check_whole()
     tasks = plan_shards(config) if shards is None else tasks_in_range(config, shards)
     floors = scenes_of(config, tasks)
     plans = _sample_plans(config, tasks[0])
     shown = list(dict.fromkeys(plan.scene for plan in plans))
+    physics = open_scenes(config.scenes).physics
+    bake = [BakeTask(scene=scene, physics=physics) for scene in shown]
     with (
         tempfile.TemporaryDirectory(prefix="langwm-plan-") as name,
         RenderWorker(config, Path(name)) as worker,
     ):
         folder = Path(name)
-        floor_s = _seconds(lambda: [worker(BakeTask(scene=scene), lambda _: None) for scene in shown])
+        floor_s = _seconds(lambda: [worker(task, lambda _: None) for task in bake])
         first: list[Sample] = []
         floor_s += _seconds(lambda: first.extend(worker.make_sample(p) for p in _first_of_each(plans)))
         samples = (worker.make_sample(plan) for plan in plans)
@@ -119,6 +125,12 @@ def _sample_plans(config: DatasetConfig, task: ShardTask) -> list[FramePlan]:
 
 def _first_of_each(plans: list[FramePlan]) -> list[FramePlan]:
     return list({plan.scene: plan for plan in reversed(plans)}.values())
+
+
+def _duration(hours: float) -> str:
+    if hours * 3600 < 100:
+        return f"{hours * 3600:.2g} seconds"
+    return f"{hours * 60:.0f} minutes" if hours * 60 < 100 else f"{hours:,.3g} hours"
 
 
 def _seconds(work: Callable[[], object]) -> float:

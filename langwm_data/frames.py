@@ -15,19 +15,21 @@ import numpy as np
 
 from langwm_data.baking import open_scenes
 from langwm_data.config import DatasetConfig
+from langwm_data.config_io import ConfigError
 from langwm_data.labels.amodal import AmodalExtent, SceneSolids, amodal_extents, scene_solids
 from langwm_data.labels.instances import ObjectLabel, label_frame
+from langwm_data.looks import Occasion, draw_lights, draw_palette, lights_occasion, palette_occasion
 from langwm_data.plan import FramePlan, ShardTask, plan_frame
 from langwm_data.scenes.assets import ASSETS_DIR, Assets
 from langwm_data.scenes.navigation import FreeSpace
 from langwm_data.scenes.spec import InstanceName, SceneSpec, Split
-from langwm_data.scenes.splits import check_palette, sample_palette
+from langwm_data.scenes.splits import check_models, check_palette
 from langwm_data.seeding import make_rng
 from langwm_data.shards.sample import Sample, to_metres, to_millimetres
 from langwm_data.shards.scenes import read_scene, write_scene
 from langwm_data.shards.writer import write_shard
 from langwm_data.sim.camera import Camera
-from langwm_data.sim.lights import Lights, sample_lights
+from langwm_data.sim.lights import Lights
 from langwm_data.sim.render import Frame, make_renderer
 from langwm_data.trajectories import Pose, simulate_trajectory
 from langwm_data.views import Sights, View, camera_space, draw_views
@@ -39,6 +41,8 @@ class BakeTask:
     """Build one floor, let its loose objects come to rest, and write it down."""
 
     scene: str
+    physics: str
+    """What they come to rest by, as the fingerprint says; see ``SceneLibrary.physics``."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,10 +58,6 @@ class Floor:
     solids: SceneSolids
 
 
-Occasion = tuple[str | int, ...]
-"""What a random choice was made for, as ``make_rng`` takes it."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Look:
     """What the renderer holds: a floor in one choice of materials and lights."""
@@ -65,7 +65,8 @@ class Look:
     occasions: tuple[Occasion, Occasion]
     """Those of materials and of lights."""
     scene: SceneSpec
-    lights: Lights
+    described: dict[str, Any]
+    """Scene, materials and lights as they stand in the JSON of every sample that shows them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,6 +104,11 @@ class RenderWorker:
         """Do one task; ``report`` hears of every finished frame."""
         if isinstance(task, BakeTask):
             library = open_scenes(self._config.scenes)
+            if library.physics != task.physics:
+                raise ConfigError(
+                    f"scene {task.scene!r} would be settled by {library.physics} here;"
+                    f" all of its dataset must be by {task.physics}"
+                )
             scene = library.load(task.scene)
             library.assets.copy_to(self._folder / ASSETS_DIR, scene)
             write_scene(self._folder, scene)
@@ -158,11 +164,8 @@ class RenderWorker:
 
     def _show(self, plan: FramePlan) -> Look:
         """Have the renderer hold this frame's scene, in its materials and lights."""
-        randomize = self._config.randomize
-        occasions = (
-            _occasion(plan, "palette", randomize.palette),
-            _occasion(plan, "lights", randomize.lights),
-        )
+        config, number = self._config, plan.number
+        occasions = palette_occasion(config, plan.split, number), lights_occasion(config, plan.split, number)
         shown = self._shown
         if shown is None or (shown.scene.name, shown.occasions) != (plan.scene, occasions):
             scene = self._draw_scene(plan, occasions[0])
@@ -170,18 +173,16 @@ class RenderWorker:
                 self._renderer.set_palette(scene.palette)
             else:
                 self._renderer.load(scene)
-            lights = Lights.of(self._config.render.lights)
-            if randomize.lights != "fixed":
-                rng = make_rng(self._config.seed, *occasions[1])
-                lights = sample_lights(rng, self._config.render.lights, randomize)
+            lights = draw_lights(config, occasions[1])
+            if config.randomize.lights != "fixed":
                 self._renderer.set_lights(lights)
-            self._shown = shown = Look(occasions=occasions, scene=scene, lights=lights)
+            described = describe_look(scene, plan.split, lights)
+            self._shown = shown = Look(occasions=occasions, scene=scene, described=described)
         return shown
 
     def _draw_scene(self, plan: FramePlan, occasion: Occasion) -> SceneSpec:
         scene = self._floor(plan.scene).scene
-        rng = make_rng(self._config.seed, *occasion)
-        scene = scene.with_palette(sample_palette(rng, scene.slots, plan.split, scene.pictures))
+        scene = scene.with_palette(draw_palette(self._config, occasion, scene, plan.split))
         check_palette(scene)
         return scene
 
@@ -189,6 +190,7 @@ class RenderWorker:
         """One of the few floors of the dataset; all are kept."""
         if name not in self._floors:
             scene = read_scene(self._folder, name)
+            check_models(scene)
             self._floors[name] = Floor(
                 scene=scene,
                 free=camera_space(scene, self._config),
@@ -207,12 +209,7 @@ def _assemble(plan: FramePlan, look: Look, shot: Shot, objects: list[dict[str, A
         depth=shot.frame.depth,
         instance=shot.frame.instance,
         meta={
-            "scene": look.scene.name,
-            "building": look.scene.building,
-            "floor": look.scene.floor,
-            "split": plan.split,
-            "palette": [str(material) for material in look.scene.palette],
-            "lights": look.lights.describe(),
+            **look.described,
             **describe_view(shot.view),
             "camera": describe_camera(shot.camera),
             "objects": objects,
@@ -221,11 +218,16 @@ def _assemble(plan: FramePlan, look: Look, shot: Shot, objects: list[dict[str, A
     )
 
 
-def _occasion(plan: FramePlan, what: str, every: str) -> Occasion:
-    """What a choice made for ``every`` block or frame is made for; for all frames where it is fixed."""
-    if every == "frame":
-        return (what, "frame", plan.split, plan.number)
-    return (what, plan.split, plan.block) if every == "block" else (what,)
+def describe_look(scene: SceneSpec, split: Split, lights: Lights) -> dict[str, Any]:
+    """Where a sample was taken, in which materials and lights, as it stands in its JSON."""
+    return {
+        "scene": scene.name,
+        "building": scene.building,
+        "floor": scene.floor,
+        "split": split,
+        "palette": [str(material) for material in scene.palette],
+        "lights": lights.describe(),
+    }
 
 
 def describe_view(view: View) -> dict[str, Any]:

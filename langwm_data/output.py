@@ -6,7 +6,6 @@ every complete shard its record and its rows of the index.
 
 import shutil
 import tempfile
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
@@ -14,6 +13,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
+from langwm_data import atomic
 from langwm_data.config import DatasetConfig
 from langwm_data.config_io import CONFIG_FILE, ConfigError, claim_output
 from langwm_data.frames import BakeTask, RenderWorker
@@ -22,15 +22,12 @@ from langwm_data.remote import RemoteFolder, is_url
 from langwm_data.scenes.assets import ASSETS_DIR
 from langwm_data.shards.finish import Origin, finish_dataset, remove_work
 from langwm_data.shards.manifest import CARD_FILE, FRAMES_FILE, MANIFEST_FILE, OBJECTS_FILE, ShardRecord
-from langwm_data.shards.scenes import SCENES_DIR, read_scene
+from langwm_data.shards.scenes import SCENES_DIR, read_scene, scene_file
 from langwm_data.shards.writer import WORK_DIR, complete_shard, part_files, read_record, shard_path
 from langwm_data.sim.render import describe_renderer
 from langwm_data.workers import Report, WorkerFactory
 
 FINGERPRINT_FILE = f"{WORK_DIR}/fingerprint"
-
-_BEGIN_TRIES = 50
-_BEGIN_WAIT_S = 0.1
 
 
 class Output(Protocol):
@@ -96,12 +93,7 @@ class LocalOutput:
 
     def claim(self, config: DatasetConfig, *, fresh: bool) -> None:
         """Make it the folder of this config, or refuse; ranges may do so at once."""
-        try:
-            claim_output(self.folder, config, fresh=fresh)
-        except ConfigError:
-            if not _is_begun_elsewhere(self.folder):
-                raise
-            claim_output(self.folder, config, fresh=fresh)
+        claim_output(self.folder, config, fresh=fresh)
 
     def announce(self) -> None:
         """Nothing to do: everyone reads the folder."""
@@ -141,7 +133,7 @@ class RemoteOutput:
         self.folder = folder
         self._remote = RemoteFolder(url)
         entries = self._remote.entries()
-        if CONFIG_FILE not in entries and not all(e.startswith(f".{CONFIG_FILE}.") for e in entries):
+        if CONFIG_FILE not in entries and not all(atomic.is_temporary(e, CONFIG_FILE) for e in entries):
             raise ConfigError(f"--out {url!r} is not empty and holds no {CONFIG_FILE}; give a new one")
         self._pull("", suffix=CONFIG_FILE)
         self._pull(SCENES_DIR)
@@ -192,6 +184,7 @@ class RemoteOutput:
     def finish(self, records: Sequence[ShardRecord], origin: Origin) -> None:
         """Make a dataset of all shards; the manifest arrives last."""
         self._pull(WORK_DIR)
+        self._pull(SCENES_DIR)
         finish_dataset(self.folder, records, origin)
         for name in (FRAMES_FILE, OBJECTS_FILE, CARD_FILE, MANIFEST_FILE):
             self._remote.put(self.folder, name)
@@ -227,7 +220,7 @@ class UploadingWorker:
             self._worker(task, report)
             for file in read_scene(self._folder, task.scene).assets():
                 self._remote.put(self._folder, f"{ASSETS_DIR}/{file}")
-            self._remote.put(self._folder, f"{SCENES_DIR}/{task.scene}.json")
+            self._remote.put(self._folder, scene_file(task.scene))
             return
         for folder in (SCENES_DIR, ASSETS_DIR):
             for name in self._remote.names(folder):
@@ -238,18 +231,6 @@ class UploadingWorker:
         for name in (path, *part_files(path)):
             self._remote.put(self._folder, name)
             (self._folder / name).unlink()
-
-
-def _is_begun_elsewhere(folder: Path) -> bool:
-    """Whether another job is just putting its config into the folder; true once that stands there."""
-    for _ in range(_BEGIN_TRIES):
-        names = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
-        if CONFIG_FILE in names:
-            return True
-        if not all(name.startswith(f".{CONFIG_FILE}.") for name in names):
-            return False
-        time.sleep(_BEGIN_WAIT_S)
-    return False
 
 
 def make_render_worker(config: DatasetConfig, folder: Path, renderer: str) -> RenderWorker:

@@ -5,10 +5,8 @@ discards nothing, and completes the dataset if it finds all others made.
 """
 
 import dataclasses
-import hashlib
-import json
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -18,11 +16,12 @@ from langwm_data.baking import open_scenes
 from langwm_data.config import DatasetConfig
 from langwm_data.config_io import ConfigError, config_to_dict
 from langwm_data.engines import Engine, Pool, check_engine, make_pool
+from langwm_data.fingerprint import fingerprint_of
 from langwm_data.frames import BakeTask
 from langwm_data.output import FINGERPRINT_FILE, Output, open_output
 from langwm_data.plan import SPLITS, ShardTask, plan_shards, scenes_of, tasks_in_range
 from langwm_data.shards.finish import Origin
-from langwm_data.shards.manifest import GENERATOR, SCHEMA_VERSION, CameraRecord
+from langwm_data.shards.manifest import GENERATOR, SCHEMA_VERSION, CameraRecord, Manifest
 from langwm_data.shards.sample import MILLIMETRES
 from langwm_data.shards.scenes import SCENES_DIR, scene_path
 from langwm_data.shards.writer import shard_path
@@ -70,6 +69,7 @@ def render_dataset(
         ChildProcessError: If a worker process is killed; complete shards are kept.
     """
     check_engine(engine, workers)
+    open_scenes(config.scenes).check_whole()
     mark = fingerprint(config)  # refuses a renderer that does not open, before anything is written
     with open_output(out, fresh=fresh) as output:
         output.claim(config, fresh=fresh)
@@ -113,6 +113,7 @@ def render_range(
         ChildProcessError: As ``render_dataset``.
     """
     check_engine(engine, workers)
+    open_scenes(config.scenes).check_whole()
     tasks = tasks_in_range(config, shards)
     mark = fingerprint(config)
     with open_output(out, fresh=False) as output:
@@ -123,24 +124,30 @@ def render_range(
         return _make(config, output, tasks, partial(make_pool, engine, workers), progress or _ignore)
 
 
-def fingerprint(config: DatasetConfig, sources: Mapping[str, str] | None = None) -> str:
-    """SHA-256 over everything that the bytes of the shards depend on.
+def fingerprint(config: DatasetConfig, made: Manifest | None = None) -> str:
+    """The checksum of what the bytes of the shards depend on.
 
     Args:
         config: What is rendered.
-        sources: SHA-256 of the files of others that scenes are made from; read off them if not given.
+        made: A dataset whose scenes are there: what they were made of and by is read off its manifest, and
+            needs not be on this machine. Without it, they are made here, or read as ``scenes.baked`` says.
+
+    Raises:
+        ValueError: If the scenes or the renderer cannot be had on this machine.
     """
-    values = config_to_dict(config)
-    for where in ("baked", "furniture", "igibson"):  # say where things lie, not what they are
-        del values["scenes"][where]
-    value = {
-        "config": values,
-        "sources": dict(open_scenes(config.scenes).identity if sources is None else sources),
-        "generator": GENERATOR,
-        "schema_version": SCHEMA_VERSION,
-        "renderer": describe_renderer(config.render),
-    }
-    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
+    if made is None:
+        library = open_scenes(config.scenes)
+        sources, physics = library.identity, library.physics
+    else:
+        sources, physics = made.sources, made.physics
+    return fingerprint_of(
+        config_to_dict(config),
+        sources=sources,
+        physics=physics,
+        renderer=describe_renderer(config.render),
+        generator=GENERATOR,
+        schema_version=SCHEMA_VERSION,
+    )
 
 
 def _is_finished(output: Output) -> bool:
@@ -203,7 +210,8 @@ def _render(
         return
     if there:
         _log.info("%d of %d shards are there; going on with the rest", len(there), len(tasks))
-    bake = [BakeTask(scene=s) for s in scenes_of(config, tasks) if not scene_path(output.folder, s).is_file()]
+    floors = [s for s in scenes_of(config, tasks) if not scene_path(output.folder, s).is_file()]
+    bake = [BakeTask(scene=name, physics=open_scenes(config.scenes).physics) for name in floors]
     total = sum(task.stop - task.start for task in tasks)
     done = total - sum(task.stop - task.start for task in todo)
 
@@ -233,13 +241,14 @@ def _finish_if_last(config: DatasetConfig, output: Output) -> bool:
 
 
 def _origin(config: DatasetConfig) -> Origin:
-    camera = Camera.on_robot(config.camera, (0.0, 0.0), 0.0)
+    camera, library = Camera.on_robot(config.camera, (0.0, 0.0), 0.0), open_scenes(config.scenes)
     return Origin(
         generator=GENERATOR,
         fingerprint=fingerprint(config),
         renderer=describe_renderer(config.render),
         config=config_to_dict(config),
-        sources=dict(open_scenes(config.scenes).identity),
+        sources=dict(library.identity),
+        physics=library.physics,
         camera=CameraRecord(
             height=camera.height,
             width=camera.width,

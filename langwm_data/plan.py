@@ -7,6 +7,7 @@ make any frame, in any order, and the bytes stay the same.
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 from langwm_data.baking import open_scenes
 from langwm_data.config import DatasetConfig
@@ -93,8 +94,12 @@ def scene_of_block(config: DatasetConfig, split: Split, block: int) -> str:
     """The floor that a block shows: each floor once, in random order, before any comes again."""
     names = open_scenes(config.scenes).names(split)
     turn, place = divmod(block, len(names))
-    order = make_rng(config.seed, "scenes", split, turn).permutation(len(names))
-    return names[order[place]]
+    return names[_order(config.seed, split, turn, len(names))[place]]
+
+
+@lru_cache(maxsize=256)
+def _order(seed: int, split: Split, turn: int, num: int) -> tuple[int, ...]:
+    return tuple(make_rng(seed, "scenes", split, turn).permutation(num).tolist())
 
 
 def scenes_needed(config: DatasetConfig) -> list[str]:

@@ -33,7 +33,7 @@ def require_same_generator(manifest: Manifest) -> DatasetConfig:
         DatasetError: If it was made by another version or renderer, or not with the configuration it names.
     """
     config = build_config(DatasetConfig, manifest.config)
-    if fingerprint(config, manifest.sources) != manifest.fingerprint:
+    if fingerprint(config, manifest) != manifest.fingerprint:
         raise DatasetError(
             f"the dataset by {manifest.generator} with renderer {manifest.renderer!r} has another fingerprint"
             f" than {GENERATOR} gives it here, so its frames cannot be drawn again"

@@ -5,6 +5,7 @@ files beside the shards only after these. Sound samples keep their bytes; the ot
 baked scene.
 """
 
+import dataclasses
 import io
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
@@ -33,11 +34,17 @@ from langwm_data.shards.manifest import (
     Manifest,
     ShardRecord,
     read_manifest,
+    write_manifest,
 )
 from langwm_data.shards.sample import DatasetError, decode_sample, encode_sample
-from langwm_data.shards.scenes import SCENES_DIR, read_scene
+from langwm_data.shards.scenes import SCENES_DIR, read_models, read_scene, scene_file, scene_path
 from langwm_data.shards.tar_walk import walk_samples
-from langwm_data.shards.writer import TarWriter, shard_path, write_table
+from langwm_data.shards.writer import TarWriter, sha256_of, shard_path, write_table
+
+_OTHER_SHA256 = (
+    "made again it has another SHA-256 than the manifest says, so it stays as it was;"
+    " render the dataset again"
+)
 
 Places = Mapping[str, Mapping[str, tuple[int, int]]]
 """Key of a sample to its files' offsets and sizes in a tar."""
@@ -67,7 +74,7 @@ def repair_dataset(
     _refuse_links(folder, manifest)
     damaged = {finding.where for finding in findings}
     names = sorted({name for split in manifest.splits.values() for name in split.scenes})
-    scenes = [name for name in names if f"{SCENES_DIR}/{name}.json" in damaged]
+    scenes = [name for name in names if scene_file(name) in damaged]
     scenes += _scenes_with_damaged_assets(folder, set(names) - set(scenes), damaged)
     if scenes and dict(open_scenes(config.scenes).identity) != manifest.sources:
         raise DatasetError(
@@ -76,13 +83,13 @@ def repair_dataset(
     shards = [shard for shard in manifest.shards if shard.path in damaged]
     with RenderWorker(config, folder) as worker:
         for name in scenes:
-            worker(BakeTask(scene=name), lambda _: None)
+            _repair_scene(folder, manifest, name, worker)
         for done, shard in enumerate(shards, start=1):
             bad = {finding.key for finding in findings if finding.where == shard.path}
             _repair_shard(folder, shard, config, worker, bad)
             if progress is not None:
                 progress(done, len(shards))
-    made = [*(f"{SCENES_DIR}/{name}.json" for name in scenes), *(shard.path for shard in shards)]
+    made = [*map(scene_file, scenes), *(shard.path for shard in shards)]
     return made + _repair_descriptions(folder, manifest, damaged)
 
 
@@ -103,6 +110,22 @@ def _refuse_links(folder: Path, manifest: Manifest) -> None:
     for name in (SCENES_DIR, ASSETS_DIR, Path(FRAMES_FILE).parent.name, *manifest.splits):
         if (folder / name).is_symlink():
             raise DatasetError(f"{folder / name} is a link to another folder, in which nothing is repaired")
+
+
+def _repair_scene(folder: Path, manifest: Manifest, name: str, worker: RenderWorker) -> None:
+    """Settle a floor again.
+
+    Raises:
+        DatasetError: If it comes out otherwise than the checksum says; the file stays as it was.
+    """
+    path = scene_path(folder, name)
+    before = path.read_bytes() if path.is_file() else None
+    worker(BakeTask(scene=name, physics=manifest.physics), lambda _: None)
+    if sha256_of(path) != manifest.files.get(scene_file(name)):
+        path.unlink()
+        if before is not None:
+            atomic.write_bytes(path, before)
+        raise DatasetError(f"{path}: {_OTHER_SHA256}")
 
 
 def _repair_shard(
@@ -127,10 +150,7 @@ def _repair_shard(
                 if tar.finish() != record.sha256:
                     raise _OtherBytesError
             return
-    raise DatasetError(
-        f"{path}: made again it has another SHA-256 than the manifest says, so it stays as it was;"
-        " render the dataset again"
-    )
+    raise DatasetError(f"{path}: {_OTHER_SHA256}")
 
 
 class _OtherBytesError(Exception):
@@ -167,10 +187,10 @@ def _repair_descriptions(folder: Path, manifest: Manifest, damaged: Collection[s
     """Index, card and configuration, from shards that are sound by now and from the manifest."""
     made = []
     if FRAMES_FILE in damaged or OBJECTS_FILE in damaged:
-        _write_index(folder, manifest)
+        rewrite_index(folder, manifest)
         made += [FRAMES_FILE, OBJECTS_FILE]
     if CARD_FILE in damaged:
-        write_card(folder, manifest)
+        write_card(folder, manifest, read_models(folder, manifest))
         made.append(CARD_FILE)
     if CONFIG_FILE in damaged:
         atomic.write_text(folder / CONFIG_FILE, yaml.safe_dump(manifest.config, sort_keys=False))
@@ -178,7 +198,11 @@ def _repair_descriptions(folder: Path, manifest: Manifest, damaged: Collection[s
     return made
 
 
-def _write_index(folder: Path, manifest: Manifest) -> None:
+def rewrite_index(folder: Path, manifest: Manifest) -> None:
+    """Make both tables of the index again from the shards, which have to be sound.
+
+    Other versions of pyarrow write the same rows in other bytes; the manifest then has their checksum.
+    """
     frames, objects = [], []
     for shard in manifest.shards:
         frame_part, object_part = [], []
@@ -191,6 +215,9 @@ def _write_index(folder: Path, manifest: Manifest) -> None:
         objects.append(_as_read(object_part, OBJECTS_SCHEMA))
     write_table(folder / FRAMES_FILE, pa.concat_tables(frames))
     write_table(folder / OBJECTS_FILE, pa.concat_tables(objects))
+    written = {name: sha256_of(folder / name) for name in (FRAMES_FILE, OBJECTS_FILE)}
+    if manifest.files | written != manifest.files:
+        write_manifest(folder, dataclasses.replace(manifest, files=manifest.files | written))
 
 
 def _as_read(rows: list[dict[str, Any]], schema: pa.Schema) -> pa.Table:

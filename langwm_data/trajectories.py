@@ -38,6 +38,8 @@ _STUCK_SPEED, _STUCK_RAD = 1e-3, 1e-2
 """A robot that stands although it faces the way gets another goal."""
 _WAY_SPACING_M = 0.05
 _SIGHT_SPACING_M = 0.01
+_STEP_TOLERANCE = 1e-6
+"""Metres and radians by which processors may differ."""
 
 Floats = NDArray[np.float64]
 XY = tuple[float, float]
@@ -66,6 +68,24 @@ def drive(pose: Pose, action: Action, duration_s: float = STEP_S) -> Pose:
         float(pose.xy[1] + chord_m * math.sin(middle)),
     )
     return Pose(xy=xy, yaw_rad=math.remainder(pose.yaw_rad + turn_rad, 2 * math.pi), action=action)
+
+
+def step_fault(space: FreeSpace, before: Pose, after: Pose) -> str:
+    """Why the action of ``after`` does not lead to it from ``before``; empty where it does.
+
+    Args:
+        space: Where the robot may be, all along the way.
+        before: Where the robot was ``STEP_S`` earlier.
+        after: Where it is said to be, and the action that is said to have led there.
+    """
+    again = drive(before, after.action)
+    turn_rad = abs(math.remainder(again.yaw_rad - after.yaw_rad, 2 * math.pi))
+    if math.dist(again.xy, after.xy) > _STEP_TOLERANCE or turn_rad > _STEP_TOLERANCE:
+        x, y, yaw = *again.xy, again.yaw_rad
+        return f"its action leads from the frame before to {x:.4f}, {y:.4f}, {yaw:.4f}, not to its pose"
+    if not _is_free(space, _arc(before, after.action)):
+        return "its action leads from the frame before through an obstacle"
+    return ""
 
 
 def simulate_trajectory(rng: np.random.Generator, space: FreeSpace, length: int) -> list[Pose]:
@@ -129,10 +149,14 @@ def _choose_action(space: FreeSpace, pose: Pose, error_rad: float, speed: float)
     wanted = min(speed * max(math.cos(error_rad), 0.0) ** 2, pose.action[0] + _MAX_SPEEDUP)
     for share in _SLOWER:
         action = (share * wanted, turn)
-        arc = [drive(pose, action, STEP_S * part / 4).xy for part in range(1, 5)]
-        if _is_free(space, np.array(arc)):
+        if _is_free(space, _arc(pose, action)):
             return action
     raise AssertionError("a robot that turns on the spot stays where it is")
+
+
+def _arc(pose: Pose, action: Action) -> Floats:
+    """Points (4, 2) of the way on which an action leads."""
+    return np.array([drive(pose, action, STEP_S * part / 4).xy for part in range(1, 5)])
 
 
 def _bearing_rad(xy: XY, point: Floats) -> float:

@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from langwm_data.config import CameraConfig, DatasetConfig
+from langwm_data.config import DatasetConfig
 from langwm_data.config_io import ConfigError
 from langwm_data.scenes.geometry import Boxes
 from langwm_data.scenes.navigation import RESOLUTION_M, FreeSpace
@@ -28,6 +28,8 @@ _MAX_SHARE = 0.5
 """And at most this share of the picture: closer, there is nothing but the object to be seen."""
 _MIDDLE = 0.9
 """The object's middle comes to lie anywhere in this share of the picture's width."""
+_SLACK_M = np.array([-1e-6, 1e-6])[:, None, None]
+"""Far more than rounding errors: what is looked at only because of it is found not to be in the way."""
 
 Floats = NDArray[np.float64]
 XY = tuple[float, float]
@@ -59,6 +61,8 @@ class Sights:
     """(N, 2, 3), lower and upper corner of each object."""
     boxes: Boxes
     """One around each part of the scene, in whose way a sight line may be."""
+    reach: Floats
+    """(2, 3, N), lower and upper corner of the axis-aligned box around each of them, and a little more."""
     owners: NDArray[np.int64]
     """Instance id of each box."""
 
@@ -67,21 +71,32 @@ class Sights:
         """Those of one scene."""
         parts = list(scene.iter_parts())
         boxes = Boxes.of_parts((position, orientation, part) for _, position, orientation, part in parts)
+        around = boxes.bounds
         owners = np.array([instance for instance, *_ in parts], np.int64)
         objects = np.array([o.instance for o in scene.objects if is_nameable(o.category)], np.int64)
-        corners = [boxes.bounds[owners == number] for number in objects]
+        corners = [around[owners == number] for number in objects]
         bounds = [np.stack([c[:, 0].min(axis=0), c[:, 1].max(axis=0)]) for c in corners]
-        return cls(objects=objects, bounds=np.reshape(bounds, (-1, 2, 3)), boxes=boxes, owners=owners)
+        return cls(
+            objects=objects,
+            bounds=np.reshape(bounds, (-1, 2, 3)),
+            boxes=boxes,
+            reach=np.moveaxis(around, 0, -1) + _SLACK_M,
+            owners=owners,
+        )
 
     def is_hidden(self, eye: Floats, point: Floats, instance: int) -> bool:
         """Whether the box of a part of anything else lies between ``eye`` and ``point``, each (3,)."""
-        start = np.einsum("nji,nj->ni", self.boxes.axes, eye - self.boxes.center)
-        along = np.einsum("nji,j->ni", self.boxes.axes, point - eye)
+        low, high = np.minimum(eye, point)[:, None], np.maximum(eye, point)[:, None]
+        may_hide = ((self.reach[0] < high) & (self.reach[1] > low)).all(axis=0) & (self.owners != instance)
+        near = np.flatnonzero(may_hide)
+        axes, half = self.boxes.axes.take(near, axis=0), self.boxes.half.take(near, axis=0)
+        start = ((eye - self.boxes.center.take(near, axis=0))[:, None] @ axes)[:, 0]
+        along = (point - eye) @ axes
         with np.errstate(divide="ignore", invalid="ignore"):
-            sides = np.stack([-self.boxes.half - start, self.boxes.half - start]) / along
-        enters, leaves = np.nanmax(sides.min(axis=0), axis=1), np.nanmin(sides.max(axis=0), axis=1)
-        is_between = (np.maximum(enters, 0.0) < np.minimum(leaves, 1.0)) & (self.owners != instance)
-        return bool(is_between.any())
+            one, other = (-half - start) / along, (half - start) / along
+        enters = np.fmax.reduce(np.minimum(one, other), axis=1)
+        leaves = np.fmin.reduce(np.maximum(one, other), axis=1)
+        return bool((np.maximum(enters, 0.0) < np.minimum(leaves, 1.0)).any())
 
 
 def camera_space(scene: SceneSpec, config: DatasetConfig) -> FreeSpace:
@@ -126,10 +141,10 @@ def draw_views(
 
 def sample_yaw(rng: np.random.Generator, sights: Sights, xy: XY, config: DatasetConfig) -> float | None:
     """A direction in which a random object is in sight, neither small nor close; nothing if there is none."""
-    aims, areas = _aims(sights, xy, config.camera)
-    is_fit = (areas >= _AREA_MARGIN * config.labels.min_area_fraction) & (areas <= _MAX_SHARE)
-    eye = np.array([*xy, config.camera.mount_height_m])
     camera = Camera.on_robot(config.camera, xy, 0.0)
+    aims, areas = _aims(sights, camera)
+    is_fit = (areas >= _AREA_MARGIN * config.labels.min_area_fraction) & (areas <= _MAX_SHARE)
+    eye = np.array(camera.position)
     for number in rng.permutation(np.flatnonzero(is_fit)):
         if not sights.is_hidden(eye, aims[number], int(sights.objects[number])):
             x, y = (aims[number] - eye)[:2].tolist()
@@ -138,18 +153,18 @@ def sample_yaw(rng: np.random.Generator, sights: Sights, xy: XY, config: Dataset
     return None
 
 
-def _aims(sights: Sights, xy: XY, config: CameraConfig) -> tuple[Floats, Floats]:
+def _aims(sights: Sights, camera: Camera) -> tuple[Floats, Floats]:
     """The middle (N, 3) of what the picture's height leaves of each object, and the share (N,) of the
     picture that a box of that size would cover if the camera faced it.
     """
-    camera = Camera.on_robot(config, xy, 0.0)
     low, high = sights.bounds[:, 0], sights.bounds[:, 1]
     aims, extent = (low + high) / 2, (high - low)
-    far_m = np.maximum(np.hypot(*(aims[:, :2] - xy).T), config.near_m)
+    x, y, mount_height_m = camera.position
+    far_m = np.maximum(np.hypot(aims[:, 0] - x, aims[:, 1] - y), camera.near_m)
     half_fov = 0.5 * camera.vertical_fov_rad
     steepest = math.radians(89)
     edges = np.clip([camera.pitch_rad - half_fov, camera.pitch_rad + half_fov], -steepest, steepest)
-    bottom, top = config.mount_height_m + far_m * np.tan(edges)[:, None]
+    bottom, top = mount_height_m + far_m * np.tan(edges)[:, None]
     bottom, top = np.maximum(bottom, low[:, 2]), np.minimum(top, high[:, 2])
     aims[:, 2] = (bottom + top) / 2
     px_per_m = camera.focal_px / far_m
@@ -160,8 +175,9 @@ def _aims(sights: Sights, xy: XY, config: CameraConfig) -> tuple[Floats, Floats]
 
 def _sample_place(rng: np.random.Generator, space: FreeSpace, config: DatasetConfig, scene_name: str) -> XY:
     for _ in range(_PLACE_TRIES):
-        x, y = space.sample(rng).tolist()
-        if space.clearance((x, y)) >= config.cameras.min_clearance_m:
+        place, clearance_m = space.sample_place(rng)
+        if clearance_m >= config.cameras.min_clearance_m:
+            x, y = place.tolist()
             return x, y
     raise _no_place(scene_name, config.cameras.min_clearance_m)
 

@@ -47,6 +47,7 @@ class FrameDataset:
             raise ConfigError(f"--data {str(shards.path)!r} has no frames to train on")
         self.shards = shards
         """The frames with everything that is known of them."""
+        self._images = shards.only("rgb", "depth")
         self.objects = _objects_by_frame(shards)
         """Per frame, the objects that may be hidden."""
         num_kept = min(len(shards), ram_mib * 2**20 // (size[0] * size[1] * _BYTES_PER_PIXEL))
@@ -76,8 +77,8 @@ class FrameDataset:
     def _read(self, number: int) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
         if number < len(self._is_held) and self._is_held[number]:
             return self._rgb[number], self._depth_mm[number]
-        sample = self.shards[number]
-        rgb, depth_mm = sample.rgb, to_millimetres(sample.depth)
+        images = self._images[number]
+        rgb, depth_mm = images["rgb"], to_millimetres(images["depth"])
         if number < len(self._is_held):
             self._rgb[number], self._depth_mm[number] = rgb, depth_mm
             self._is_held[number] = True

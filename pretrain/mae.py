@@ -4,7 +4,9 @@ Owns the network and its file. Which objects are hidden and what is said about t
 ``object_masking``; captions become embeddings in ``language``; losses stand in ``losses``.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +17,7 @@ from torch import Tensor, nn
 
 from pretrain.batch import MAEBatch, TextTokens
 from pretrain.config import MAEConfig, TextConfig
-from pretrain.model_file import check_fit, load_model_file, save_model_file
+from pretrain.model_file import check_fit, find_model, load_model_file, save_model_file
 from pretrain.transformer import Transformer, grid_positions, sincos_2d
 
 IMAGENET_MEAN = (0.485, 0.456, 0.406)
@@ -216,6 +218,46 @@ class LanguageGroundedMAE(nn.Module):
         return MAEOutput(image=image, reward=reward)
 
     @torch.no_grad()
+    def fill_in(
+        self,
+        rgb: UInt8[Tensor, "B H W 3"],
+        *,
+        text: TextTokens | None = None,
+        is_hidden: Bool[Tensor, "B H W"] | None = None,
+        is_dropped: Bool[Tensor, "B N"] | None = None,
+    ) -> MAEOutput:
+        """Predict the target of frames that somebody masked; dropout is off.
+
+        Args:
+            rgb: Frames.
+            text: Captions, from ``FrozenText.embed``; the empty caption if not given.
+            is_hidden: Pixels that are not to be seen, such as ``boxes_mask`` gives them.
+            is_dropped: Visual tokens that are left out, as many in every frame.
+
+        Raises:
+            ValueError: If the frames are not of the size this model was trained on, or another number of
+                tokens is dropped in some frame, or all.
+        """
+        self._check_size(rgb)
+        num_patches = self.config.num_patches
+        if is_dropped is None:
+            is_dropped = torch.zeros(len(rgb), num_patches, dtype=torch.bool, device=rgb.device)
+        counts = set(is_dropped.sum(dim=1).tolist())
+        if len(counts) != 1 or counts == {num_patches}:
+            raise ValueError(
+                f"is_dropped leaves out {sorted(counts)} of {num_patches} tokens;"
+                " allowed: as many in every frame, and not all"
+            )
+        with evaluating(self):
+            # Among the tokens that stay, and among those that go, the order is kept.
+            noise = is_dropped.float() + torch.arange(num_patches, device=rgb.device) / (2 * num_patches)
+            ids_keep, ids_restore = random_masking(noise, num_patches - counts.pop())
+            visual = _take(self.patchify(rgb, is_hidden), ids_keep)
+            tokens = self.encode_tokens(visual, self.null_text(len(rgb)) if text is None else text)
+            image, reward = self.decode_tokens(tokens, ids_restore)
+        return MAEOutput(image=image, reward=reward)
+
+    @torch.no_grad()
     def encode(self, rgb: UInt8[Tensor, "B H W 3"]) -> Float[Tensor, "B cls_and_N D"]:
         """Features of frames for the world model: CLS first, then one token per cell of the grid.
 
@@ -225,16 +267,14 @@ class LanguageGroundedMAE(nn.Module):
         Raises:
             ValueError: If the frames are not of the size this model was trained on.
         """
+        self._check_size(rgb)
+        with evaluating(self):
+            return self.encode_tokens(self.patchify(rgb), self.null_text(len(rgb))).float()
+
+    def _check_size(self, rgb: Tensor) -> None:
         expected = (self.config.height, self.config.width, 3)
         if tuple(rgb.shape[1:]) != expected:
             raise ValueError(f"frames of shape {tuple(rgb.shape[1:])}; this model reads {expected}")
-        if self.training:
-            self.eval()
-            try:
-                return self.encode(rgb)
-            finally:
-                self.train()
-        return self.encode_tokens(self.patchify(rgb), self.null_text(len(rgb))).float()
 
     def save_pretrained(self, folder: Path) -> None:
         """Write ``config.json`` and ``model.safetensors``."""
@@ -244,17 +284,44 @@ class LanguageGroundedMAE(nn.Module):
     def from_pretrained(cls, folder: Path | str) -> "LanguageGroundedMAE":
         """Read what ``save_pretrained`` wrote, from its folder or from the run that holds it.
 
+        What is no folder here and looks like the name of a repository, such as ``somebody/langwm-homes``, is
+        fetched from the Hugging Face hub.
+
         Raises:
             ValueError: If there is no model, or it is damaged or of another architecture.
         """
-        config, text, tensors = load_model_file(Path(folder))
+        folder = find_model(folder)
+        config, text, tensors = load_model_file(folder)
         size = (1, text.num_language_tokens)
         width = tensors.get("null_embed", torch.empty(1)).shape[-1]
         null = TextTokens(embed=torch.empty(*size, width), attend=torch.empty(size, dtype=torch.bool))
         model = cls(config, text, null)
-        check_fit(Path(folder), model.state_dict(), tensors)
+        check_fit(folder, model.state_dict(), tensors)
         model.load_state_dict(tensors)
         return model.eval()
+
+
+def boxes_mask(
+    boxes_xyxy: Sequence[Sequence[tuple[float, float, float, float]]], height: int, width: int
+) -> Bool[Tensor, "B H W"]:
+    """The pixels inside the boxes of each frame: edges in pixels, right and bottom exclusive."""
+    mask = torch.zeros(len(boxes_xyxy), height, width, dtype=torch.bool)
+    for number, boxes in enumerate(boxes_xyxy):
+        for x1, y1, x2, y2 in boxes:
+            left, top = max(math.floor(x1), 0), max(math.floor(y1), 0)
+            mask[number, top : max(math.ceil(y2), 0), left : max(math.ceil(x2), 0)] = True
+    return mask
+
+
+@contextmanager
+def evaluating(module: nn.Module) -> Iterator[None]:
+    """Dropout off for a while."""
+    was_training = module.training
+    module.eval()
+    try:
+        yield
+    finally:
+        module.train(was_training)
 
 
 def _token(dim: int) -> nn.Parameter:

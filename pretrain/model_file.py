@@ -4,6 +4,7 @@ Safetensors and JSON only: reading a model never runs code from it.
 """
 
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -29,6 +30,26 @@ def save_model_file(folder: Path, mae: MAEConfig, text: TextConfig, tensors: Map
         save_file({name: t.detach().cpu().contiguous() for name, t in tensors.items()}, temporary)
     held = {"schema_version": SCHEMA_VERSION, "mae": config_to_dict(mae), "text": config_to_dict(text)}
     atomic.write_json(folder / _CONFIG, held)
+
+
+def find_model(name: Path | str) -> Path:
+    """The folder of a model: that folder itself, or a copy of a repository of the Hugging Face hub.
+
+    Raises:
+        ValueError: If it is no folder, and the hub has no such repository or cannot be reached.
+    """
+    if Path(name).exists() or not isinstance(name, str) or not re.fullmatch(r"[\w.-]+/[\w.-]+", name):
+        return Path(name)
+    from huggingface_hub import snapshot_download
+    from huggingface_hub.errors import HfHubHTTPError, LocalEntryNotFoundError
+
+    try:
+        return Path(snapshot_download(name, allow_patterns=[_CONFIG, _WEIGHTS]))
+    except (HfHubHTTPError, LocalEntryNotFoundError, OSError) as error:
+        raise ValueError(
+            f"{name!r} holds no pretrained autoencoder: it is no folder here, and the Hugging Face hub does"
+            f" not give it ({type(error).__name__})"
+        ) from error
 
 
 def load_model_file(folder: Path) -> tuple[MAEConfig, TextConfig, dict[str, Tensor]]:

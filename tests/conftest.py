@@ -1,4 +1,8 @@
-"""Scenes small enough to reason about by hand."""
+"""Scenes small enough to reason about by hand, and a cache that no other run has filled."""
+
+import os
+import shutil
+import tempfile
 
 import pytest
 
@@ -145,6 +149,21 @@ def make_small_scene():
         slots=SLOTS,
         palette=tuple(MaterialRef.parse(p) for p in PALETTE),
     )
+
+
+def pytest_configure(config):
+    """Textures and meshes that are kept between runs are kept for this run alone."""
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        config.cache_before = os.environ.get("XDG_CACHE_HOME")
+        os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="langwm-cache-")
+
+
+def pytest_unconfigure(config):
+    """Forget them."""
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        shutil.rmtree(os.environ.pop("XDG_CACHE_HOME"), ignore_errors=True)
+        if config.cache_before is not None:
+            os.environ["XDG_CACHE_HOME"] = config.cache_before
 
 
 @pytest.fixture(scope="session")

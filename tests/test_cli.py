@@ -96,6 +96,25 @@ def test_a_full_disk_is_one_sentence_and_exit_code_1(capsys, monkeypatch, tmp_pa
     assert len(err.splitlines()) == 1
 
 
+def test_a_file_that_cannot_take_its_place_is_called_by_its_own_name(capsys, monkeypatch, tmp_path):
+    def occupied(*args, **kwargs):
+        (tmp_path / ".x.tmp").write_text("")
+        (tmp_path / "x").mkdir()
+        (tmp_path / ".x.tmp").replace(tmp_path / "x")
+
+    monkeypatch.setattr("langwm_data.pipeline.render_dataset", occupied)
+    assert cli.run(["render-dataset", "--out", str(tmp_path / "d"), "--preset", "debug"]) == 1
+    assert capsys.readouterr().err.strip().endswith(f"Is a directory at {str(tmp_path / 'x')!r}")
+
+
+@pytest.mark.parametrize("flag", ["--gallery", "--plots", "--out"])
+def test_a_folder_for_a_file_and_a_file_for_a_folder_are_refused(flag, capsys, tmp_path):
+    (tmp_path / "file").write_text("mine")
+    wrong = tmp_path / "file" if flag == "--plots" else tmp_path
+    assert f"Invalid value for '{flag}'" in refuse(capsys, "inspect", str(tmp_path), "key", flag, str(wrong))
+    assert (tmp_path / "file").read_text() == "mine"
+
+
 def test_mistakes_of_ours_keep_their_traceback(monkeypatch, tmp_path):
     def broken(*args, **kwargs):
         return int("not a number")

@@ -31,7 +31,7 @@ class Episode:
     """Radians, counter-clockwise from +x."""
     goal_xy: tuple[float, float]
     palette_seed: int
-    """Seed of the textures."""
+    """Seed of the textures, and of the lights where these are drawn."""
     geodesic_distance: float
     """Length in metres of the shortest way for the robot from start to goal."""
     tier: int

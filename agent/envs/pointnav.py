@@ -24,6 +24,7 @@ from langwm_data.scenes.spec import MaterialRef, SceneSpec, Split
 from langwm_data.scenes.splits import sample_palette
 from langwm_data.seeding import make_rng
 from langwm_data.sim.camera import Camera
+from langwm_data.sim.lights import Lights, sample_lights
 from langwm_data.sim.render import BlindRenderer, Frame, Renderer, make_renderer
 from langwm_data.sim.world import RobotState
 from pretrain.batch import FrameObject
@@ -43,7 +44,8 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
 
     ``info`` has the same keys after reset and after every step: the measures so far (``success``,
     ``spl``, ``soft_spl``, ``distance_to_goal``, ``path_length``, ``geodesic_distance``, ``collisions``),
-    ``scene``, ``tier``, ``pose`` (x, y, yaw) and ``goal`` (x, y); with ``config.with_labels`` also
+    ``scene``, ``tier``, ``pose`` (x, y, yaw), ``goal`` (x, y) and ``lights`` (4, 3: red, green and blue of
+    the ambient light, the sun and the lamps; the direction towards the sun); with ``config.with_labels`` also
     ``instance`` (the mask) and ``objects`` (a ``FrameObject`` for each eligible object).
 
     ``reset(seed=s)`` plays floor number s modulo the number of floors and every reset without a seed the
@@ -88,6 +90,7 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.episode: Episode
         self.palette: tuple[MaterialRef, ...]
+        self.lights: Lights
         self._site: Site
         self._renderer: Renderer
         self._field: DistanceField
@@ -204,6 +207,17 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
         rng = make_rng(episode.palette_seed, "palette")
         self.palette = sample_palette(rng, scene.slots, self.split, scene.pictures)
         self._renderer.set_palette(self.palette)
+        self.lights = self._draw_lights(episode)
+        if self.config.randomize.lights != "fixed":
+            self._renderer.set_lights(self.lights)
+
+    def _draw_lights(self, episode: Episode) -> Lights:
+        """Those of an episode, the same whenever it is played."""
+        config = self.config
+        if config.randomize.lights == "fixed":
+            return Lights.of(config.render.lights)
+        rng = make_rng(episode.palette_seed, "lights")
+        return sample_lights(rng, config.render.lights, config.randomize)
 
     def _geodesic(self) -> float:
         """Length of the shortest way to the goal, metres."""
@@ -230,6 +244,7 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
             "tier": self.episode.tier,
             "pose": np.array([*self._state.xy, self._state.yaw], dtype=np.float64),
             "goal": np.array(self.episode.goal_xy, dtype=np.float64),
+            "lights": np.array(list(self.lights.describe().values())),
         }
         if self.config.with_labels:
             info |= {"instance": self._frame.instance, "objects": self._seen_objects()}

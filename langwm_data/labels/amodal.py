@@ -179,16 +179,18 @@ def _outlines(solid: Solid, camera: Camera) -> tuple[Floats, Ints]:
     is_front = solid.planes @ pose[:, 3] > 0
     ends = (solid.ends - pose[:3, 3]) @ pose[:3, :3]
     is_near = ends[..., 2] < camera.near_m
-    is_cut = is_near[:, 0] != is_near[:, 1]
-    ends[is_cut] = _cut(ends[is_cut], is_near[is_cut], camera.near_m)
-    is_outline = (is_front[:, 0] != is_front[:, 1]) & ~is_near.all(axis=1)
+    cut = np.flatnonzero(is_near[:, 0] != is_near[:, 1])
+    ends[cut] = _cut(ends.take(cut, axis=0), is_near.take(cut, axis=0), camera.near_m)
+    is_outline = (is_front[:, 0] != is_front[:, 1]) & ~(is_near[:, 0] & is_near[:, 1])
+    outline = np.flatnonzero(is_outline)
     # A plane cuts two edges of each convex face that it cuts: sorted by face, they stand in pairs.
-    edge, side = np.nonzero(is_cut[:, None] & ~is_front)
-    edge = edge[np.argsort(solid.faces[edge, side], kind="stable")]
-    cuts = ends[edge, is_near[edge, 1].astype(int)].reshape(-1, 2, 3)
-    local = np.concatenate([ends[is_outline], cuts])
+    edge, side = np.nonzero(~is_front.take(cut, axis=0))
+    edge = cut.take(edge)
+    edge = edge.take(np.argsort(solid.faces[edge, side], kind="stable"))
+    cuts = ends[edge, is_near[edge, 1].astype(np.intp)].reshape(-1, 2, 3)
+    local = np.concatenate([ends.take(outline, axis=0), cuts])
     pixels = local[..., :2] / local[..., 2:] * camera.focal_px + (camera.width / 2, camera.height / 2)
-    return pixels, np.concatenate([solid.parts[is_outline], solid.parts[edge[::2]]])
+    return pixels, np.concatenate([solid.parts.take(outline), solid.parts.take(edge[::2])])
 
 
 def _cut(ends: Floats, is_near: Bools, near_m: float) -> Floats:
@@ -225,17 +227,16 @@ def _all_spans(
 def _areas(owner: Ints, row: Ints, left: Floats, right: Floats, num_owners: int, camera: Camera) -> Floats:
     """Pixels inside and outside the picture, (N, 2), that the runs of each owner cover together."""
     centers, heights = _rows(camera.height)
-    group = owner * len(centers) + row
     # Side by side on one line, the rows of all owners in turn: from left to right, each span adds what
     # lies beyond all before it.
-    shift = group * (4.0 * MAX_OUTSIDE_PX)
-    order = np.argsort(left + shift)
-    group, row, shift, left, right = group[order], row[order], shift[order], left[order], right[order]
+    shift = (owner * len(centers) + row) * (4.0 * MAX_OUTSIDE_PX)
+    order = np.argsort(left + shift, kind="stable")  # quick, because most are in order
+    owner, row, shift = owner.take(order), row.take(order), shift.take(order)
+    left, right = left.take(order), right.take(order)
     left[1:] = np.maximum(left[1:], np.maximum.accumulate(right + shift)[:-1] - shift[1:])
     whole = np.maximum(right - left, 0) * heights[row]
     inside = np.maximum(np.minimum(right, camera.width) - np.maximum(left, 0), 0)
     inside *= (centers[row] > 0) & (centers[row] < camera.height)
-    owner = group // len(centers)
     sums = [np.bincount(owner, area, num_owners) for area in (inside, whole - inside)]
     return np.stack(sums, axis=1, dtype=np.float64)
 
@@ -243,20 +244,21 @@ def _areas(owner: Ints, row: Ints, left: Floats, right: Floats, num_owners: int,
 def _spans(segments: Floats, parts: Ints, centers: Floats) -> tuple[Ints, Ints, Floats, Floats]:
     """Every run inside the outline of a convex part: part, row, and where it begins and ends, in pixels."""
     x, y = segments[..., 0], segments[..., 1]
-    first, last = np.sort(np.searchsorted(centers, y), axis=1).T
+    at = np.searchsorted(centers, y)
+    first, count = np.minimum(at[:, 0], at[:, 1]), np.abs(at[:, 1] - at[:, 0])
     with np.errstate(divide="ignore", invalid="ignore"):  # level edges cross no row
         slope = (x[:, 1] - x[:, 0]) / (y[:, 1] - y[:, 0])
-    which = np.repeat(np.arange(len(segments)), last - first)
-    row = np.arange(len(which)) - (np.cumsum(last - first) - last)[which]
-    crossing = x[which, 0] + (centers[row] - y[which, 0]) * slope[which]
-    place = parts[which] * len(centers) + row
+    which = np.repeat(np.arange(len(segments)), count)
+    row = np.arange(len(which)) + (first - np.cumsum(count) + count).take(which)
+    crossing = x[:, 0].take(which) + (centers.take(row) - y[:, 0].take(which)) * slope.take(which)
+    place = parts.take(which) * len(centers) + row
     order = np.argsort(place, kind="stable")
-    place, crossing = place[order], crossing[order]
-    starts = np.flatnonzero(np.diff(place, prepend=-1))
-    if not len(starts):
-        return place, place, crossing, crossing
-    left, right = np.minimum.reduceat(crossing, starts), np.maximum.reduceat(crossing, starts)
-    return place[starts] // len(centers), place[starts] % len(centers), left, right
+    place, crossing = place.take(order), crossing.take(order)
+    # A loop around something convex crosses a row twice or not at all.
+    start = np.flatnonzero(place[1:] == place[:-1])
+    one, other = crossing.take(start), crossing.take(start + 1)
+    part, row = np.divmod(place.take(start), len(centers))
+    return part, row, np.minimum(one, other), np.maximum(one, other)
 
 
 @lru_cache(maxsize=8)

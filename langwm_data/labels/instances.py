@@ -5,10 +5,10 @@ function labels the rendered dataset and the frames that an agent sees while it 
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -72,10 +72,8 @@ def label_frame(
     """
     assert instance.shape == depth.shape, (instance.shape, depth.shape)
     width = instance.shape[1]
-    reached = np.minimum(depth, config.max_depth_m)
     labels = []
-    for number in _visible(instance):
-        label = _measure(instance, reached, number, table[number])
+    for label in _measure(instance, np.minimum(depth, config.max_depth_m), table):
         if is_eligible(label, instance.size, config):
             caption = sample_caption(
                 rng,
@@ -90,36 +88,53 @@ def label_frame(
     return labels
 
 
-def _visible(instance: NDArray[np.uint16]) -> list[int]:
-    """Ids in the mask, ascending, without the background."""
-    is_seen = np.zeros(int(instance.max()) + 1, bool)
-    is_seen[instance] = True
-    is_seen[0] = False
-    return np.flatnonzero(is_seen).tolist()
-
-
 def _measure(
-    instance: NDArray[np.uint16], depth: NDArray[np.float32], number: int, name: InstanceName
-) -> ObjectLabel:
-    """The label of one instance, without captions; ``depth`` is clipped."""
-    mask = cv2.inRange(instance, number, number)  # pyright: ignore[reportCallIssue, reportArgumentType]
-    x, y, width, height = cv2.boundingRect(mask)
-    inside = slice(y, y + height), slice(x, x + width)
-    mask, depth = mask[inside], depth[inside]
-    moments = cv2.moments(mask, binaryImage=True)
-    area = moments["m00"]
-    center_x, center_y = x + moments["m10"] / area + 0.5, y + moments["m01"] / area + 0.5
-    mask[depth <= 0] = 0
-    return ObjectLabel(
-        instance=number,
-        category=name.category,
-        model=name.model,
-        phrase=name.phrase,
-        bbox_xyxy=(float(x), float(y), float(x + width), float(y + height)),
-        center_px=(center_x, center_y),
-        area_px=int(area),
-        distance_m=cv2.mean(depth, mask)[0],
-        direction_rule1=direction(center_x, instance.shape[1], 1),
-        direction_rule2=direction(center_x, instance.shape[1], 2),
-        captions=(),
-    )
+    instance: NDArray[np.uint16], depth: NDArray[np.float32], table: Mapping[int, InstanceName]
+) -> Iterator[ObjectLabel]:
+    """Labels of all instances in the mask but the background, without captions; ``depth`` is clipped."""
+    width = instance.shape[1]
+    seen = {name: values.tolist() for name, values in _measure_runs(instance, depth).items()}
+    for number, box, center, area_px, distance_m in zip(*seen.values(), strict=True):
+        if number:
+            name = table[number]
+            yield ObjectLabel(
+                instance=number,
+                category=name.category,
+                model=name.model,
+                phrase=name.phrase,
+                bbox_xyxy=tuple(box),
+                center_px=tuple(center),
+                area_px=area_px,
+                distance_m=distance_m,
+                direction_rule1=direction(center[0], width, 1),
+                direction_rule2=direction(center[0], width, 2),
+                captions=(),
+            )
+
+
+def _measure_runs(instance: NDArray[np.uint16], depth: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
+    """Number, box, centre, area and mean valid depth of everything in the mask, by ascending number.
+
+    The mask is taken apart into runs, equal pixels side by side in one row, which are far fewer.
+    """
+    width = instance.shape[1]
+    is_start = np.ones(instance.shape, np.bool_)
+    np.not_equal(instance[:, 1:], instance[:, :-1], out=is_start[:, 1:])
+    start = np.flatnonzero(is_start)
+    order = np.argsort(instance.ravel()[start], kind="stable")  # each instance's from top to bottom
+    number, length = instance.ravel()[start][order], np.diff(start, append=instance.size)[order]
+    y, x = np.divmod(start[order], width)
+    first = np.flatnonzero(np.append(True, number[1:] != number[:-1]))
+    last = np.append(first[1:], len(number)) - 1
+    area = np.add.reduceat(length, first)
+    middle = np.stack([length * (2 * x + length), length * (2 * y + 1)])
+    box = [np.minimum.reduceat(x, first), y[first], np.maximum.reduceat(x + length, first), y[last] + 1]
+    of_runs = [np.add.reduceat(values.ravel(), start, dtype=np.float64) for values in (depth, depth > 0)]
+    distance, num_valid = np.add.reduceat(np.stack(of_runs)[:, order], first, axis=1)
+    return {
+        "number": number[first],
+        "box": np.stack(box, axis=1).astype(np.float64),
+        "center": (np.add.reduceat(middle, first, axis=1) / (2 * area)).T,
+        "area": area,
+        "distance": distance / np.maximum(num_valid, 1),
+    }

@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from langwm_data.scenes.taxonomy import CATEGORIES, STRUCTURE
+from langwm_data.scenes.taxonomy import CATEGORIES, FOREIGN_CATEGORIES, STRUCTURE
 
 _NUMBERED = (
     *("wall", "floor", "ceiling"),
@@ -22,6 +22,19 @@ _NUMBERED = (
     *("floor_lamp", "table_lamp", "ceiling_lamp", "picture", "curtain", "radiator", "rug"),
     *("potted_plant", "piano", "window", "door", "door_frame"),
     *("cup", "bowl", "bottle", "book", "vase", "cooking_pot", "ball", "cardboard_box", "toy_car", "shoe"),
+    *(
+        "basket",
+        "cabinet",
+        "clock",
+        "coffee_machine",
+        "counter",
+        "crib",
+        "cushion",
+        "dryer",
+        "fence",
+        "guitar",
+    ),
+    *("laptop", "loudspeaker", "oven", "pool_table", "sink", "table", "treadmill", "other_object"),
 )
 """In the order of their numbers. New categories go to the end, whatever their place in the taxonomy:
 masks and exports that people have keep their meaning."""
@@ -29,7 +42,9 @@ masks and exports that people have keep their meaning."""
 CATEGORY_IDS: Mapping[str, int] = MappingProxyType({name: n for n, name in enumerate(_NUMBERED, start=1)})
 """Category to its number in semantic masks and COCO files; 0 is the background."""
 
-assert CATEGORY_IDS.keys() == {*STRUCTURE, *CATEGORIES}, "every category of the taxonomy has a number"
+assert CATEGORY_IDS.keys() == {*STRUCTURE, *CATEGORIES, *FOREIGN_CATEGORIES}, (
+    "every category of the taxonomy has a number"
+)
 assert len(_NUMBERED) <= np.iinfo(np.uint8).max, "semantic masks have eight bits"
 
 

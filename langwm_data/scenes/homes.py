@@ -5,21 +5,27 @@ millimetres above what they will rest on until a simulator settles them.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
 
-from langwm_data.scenes.assets import NO_ASSETS
+from langwm_data.scenes.assets import Assets, cache_folder
+from langwm_data.scenes.catalogue.offer import Furniture, Offer
 from langwm_data.scenes.floorplan import sample_plan
 from langwm_data.scenes.furnishing.fittings import dress_windows, fill_openings
 from langwm_data.scenes.furnishing.kitchen import furnish_kitchen
 from langwm_data.scenes.furnishing.living import furnish_dining_room, furnish_living_room
-from langwm_data.scenes.furnishing.placement import Placement, RoomState
+from langwm_data.scenes.furnishing.piece import Placement
+from langwm_data.scenes.furnishing.placement import RoomState
 from langwm_data.scenes.furnishing.private import furnish_bathroom, furnish_bedroom, furnish_study
 from langwm_data.scenes.furnishing.service import furnish_hallway, furnish_playroom, furnish_storage_room
 from langwm_data.scenes.furnishing.style import HomeStyle, sample_style
 from langwm_data.scenes.layouts import PlanKind
 from langwm_data.scenes.plan import FloorPlan
 from langwm_data.scenes.spec import (
+    OWN,
     DoorwaySpec,
     MaterialSlot,
+    ModelRecord,
     ObjectSpec,
     PartSpec,
     SceneSpec,
@@ -58,11 +64,25 @@ def scene_names(split: Split | None = None) -> tuple[str, ...]:
 
 
 class Homes:
-    """The procedural homes of one seed as a source of scenes."""
+    """The procedural homes of one seed as a source of scenes, some with furniture from catalogues."""
 
-    def __init__(self, seed: int) -> None:
-        self.assets = NO_ASSETS
-        self.identity: Mapping[str, str] = {}
+    is_at_rest = False
+
+    def __init__(self, seed: int, furniture: Path | None = None) -> None:
+        """Homes of a seed; no floor is made yet.
+
+        Args:
+            seed: Of plans, furnishing and palettes.
+            furniture: Folder of Sweet Home 3D catalogues.
+
+        Raises:
+            ValueError: If there is no catalogue in that folder, or one is damaged.
+        """
+        self.assets = Assets(*(() if furniture is None else (cache_folder(),)))
+        self._furniture = None if furniture is None else Furniture(furniture, cache_folder())
+        self.identity: Mapping[str, str] = (
+            {} if self._furniture is None else {"furniture": self._furniture.identity}
+        )
         self._seed = seed
 
     def names(self, split: Split | None = None) -> tuple[str, ...]:
@@ -73,15 +93,15 @@ class Homes:
         """One floor.
 
         Raises:
-            ValueError: If there is no floor of that name.
+            ValueError: If there is no floor of that name, or a catalogue is damaged.
         """
-        return make_home(name, seed=self._seed)
+        return make_home(name, seed=self._seed, furniture=self._furniture)
 
 
-def make_home(name: str, *, seed: int) -> SceneSpec:
+def make_home(name: str, *, seed: int, furniture: Furniture | None = None) -> SceneSpec:
     """The floor called ``name``: rooms, furniture, and a palette drawn for its own split.
 
-    The same name and seed give the same scene. Loose objects are not settled yet.
+    The same name, seed and catalogues give the same scene. Loose objects are not settled yet.
 
     Raises:
         ValueError: If there is no floor of that name.
@@ -89,7 +109,8 @@ def make_home(name: str, *, seed: int) -> SceneSpec:
     split = split_of_scene(name)
     building, _, number = name.rpartition("_")
     floor = int(number)
-    style = sample_style(seed, building)
+    offer = None if furniture is None else Offer(furniture, split, seed, building)
+    style = sample_style(seed, building, offer)
     plan = sample_plan(make_rng(seed, "plan", name), plan_kind(seed, building, floor))
     placements = _furnish(plan, style, seed, name)
     slots = _Slots()
@@ -111,6 +132,7 @@ def make_home(name: str, *, seed: int) -> SceneSpec:
         objects=tuple(objects),
         slots=tuple(slots.slots),
         palette=sample_palette(make_rng(seed, "palette", name), slots.slots, split),
+        models=_records(placements),
     )
 
 
@@ -209,9 +231,16 @@ def _objects(placements: Sequence[Placement], slots: _Slots, *, first: int) -> l
             size=p.model.size,
             parts=tuple(_with_slot(p, part, slots) for part in p.model.parts),
             is_fixed=p.is_fixed,
+            mesh=p.model.mesh,
+            phrase=p.model.phrase,
         )
         for i, p in enumerate(placements)
     ]
+
+
+def _records(placements: Sequence[Placement]) -> tuple[ModelRecord, ...]:
+    records = {p.model.record for p in placements if p.model.record is not None}
+    return tuple(sorted(records, key=lambda record: record.model))
 
 
 _SHARED = ("kitchen_cabinet", "kitchen_sink", "dishwasher", "wall_cabinet")
@@ -222,6 +251,8 @@ _WHOLE_FLOOR = ("door", "door_frame", "window", "radiator")
 
 
 def _with_slot(p: Placement, part: PartSpec, slots: _Slots) -> PartSpec:
+    if part.slot == OWN:
+        return part
     slot = p.model.slots[part.slot]
     if p.model.category in _SHARED and slot.name in _MATCHED_SLOTS:
         name = f"{p.room}/counters/{slot.name}"
@@ -230,11 +261,4 @@ def _with_slot(p: Placement, part: PartSpec, slots: _Slots) -> PartSpec:
     else:
         name = f"{p.model.name}/{slot.name}"
     index = slots.get(name, slot.categories)
-    return PartSpec(
-        shape=part.shape,
-        size=part.size,
-        position=part.position,
-        slot=index,
-        orientation=part.orientation,
-        taper=part.taper,
-    )
+    return replace(part, slot=index)

@@ -1,6 +1,7 @@
 """Where the robot can be, and how far it is from there to a goal.
 
-Owns the free space of a scene and shortest paths in it. World coordinates, metres.
+Owns the free space of a scene and shortest paths in it. World coordinates, metres. Solids limit it, and the
+map that a scene may bring along (ADR-0011).
 """
 
 from collections.abc import Iterator
@@ -65,7 +66,8 @@ class FreeSpace:
         """The free space of a scene for a robot.
 
         Args:
-            scene: The scene; parts between what the robot drives over and its top are in its way.
+            scene: The scene; parts between what the robot drives over and its top are in its way, and
+                cells outside of its floor map, if it has one, are no place for it.
             robot: Radius, height and clearance.
             resolution_m: Edge of a grid cell. Finer cells find narrower ways and cost more.
 
@@ -85,6 +87,8 @@ class FreeSpace:
             near = centers[window]
             distance = point_polygon_distance(near.reshape(-1, 2), polygon)
             clearance[window] = np.minimum(clearance[window], distance.reshape(near.shape[:2]))
+        if scene.floor_map is not None:
+            clearance[~scene.floor_map.free_at(centers)] = 0
         if not (clearance >= robot.radius_m).any():
             raise ValueError(
                 f"scene {scene.name!r} has no room for a robot of radius {robot.radius_m} m;"
@@ -113,30 +117,41 @@ class FreeSpace:
 
     def is_free(self, xy: ArrayLike) -> bool:
         """Whether the robot can stand exactly here and drive from here to everywhere else."""
-        i, j = self.cell(xy)
-        if not (0 <= i < self.grid.shape[0] and 0 <= j < self.grid.shape[1]) or not self.grid[i, j]:
-            return False
-        return self.clearance(xy) >= self.radius_m
+        return self._is_in_free_cell(xy) and self.clearance(xy) >= self.radius_m
 
     def sample(self, rng: np.random.Generator) -> Array:
         """A point (2,) where the robot can stand, uniform over all of them."""
+        return self.sample_place(rng)[0]
+
+    def sample_place(self, rng: np.random.Generator) -> tuple[Array, float]:
+        """The same, and its clearance in metres."""
         while True:
             cell = self._cells[rng.integers(len(self._cells))]
             xy = self.center(cell) + rng.uniform(-0.5, 0.5, 2) * self.resolution_m
-            if self.is_free(xy):
-                return xy
+            if self._is_in_free_cell(xy) and (clearance := self.clearance(xy)) >= self.radius_m:
+                return xy, clearance
 
     def clearance(self, xy: ArrayLike) -> float:
         """Distance from a point to the nearest thing in the robot's height, 0 inside one."""
         point = np.asarray(xy, float)
         outside = np.maximum(np.maximum(self._bounds[:, :2] - point, point - self._bounds[:, 2:]), 0)
         lower_bound = np.hypot(outside[:, 0], outside[:, 1])
-        nearest = np.inf
-        for i in np.argsort(lower_bound):
-            if lower_bound[i] >= nearest:
-                break
-            nearest = min(nearest, float(point_polygon_distance(point[None], self._obstacles[i])[0]))
+        if not len(lower_bound):
+            return np.inf
+        # The one whose bounds are nearest comes first: hardly any other can then be nearer.
+        first = int(lower_bound.argmin())
+        nearest = self._distance_to(first, point)
+        for i in np.flatnonzero(lower_bound < nearest).tolist():
+            if i != first:
+                nearest = min(nearest, self._distance_to(i, point))
         return nearest
+
+    def _distance_to(self, obstacle: int, point: Array) -> float:
+        return float(point_polygon_distance(point[None], self._obstacles[obstacle])[0])
+
+    def _is_in_free_cell(self, xy: ArrayLike) -> bool:
+        i, j = self.cell(xy)
+        return 0 <= i < self.grid.shape[0] and 0 <= j < self.grid.shape[1] and bool(self.grid[i, j])
 
     def distance_field(self, goal_xy: ArrayLike) -> "DistanceField":
         """Distances from everywhere to a goal.

@@ -12,6 +12,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, Self
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from langwm_data.scenes.taxonomy import phrase
@@ -175,6 +177,46 @@ class InstanceName(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
+class FloorMap:
+    """Where the maker of a scene lets a robot drive: cells of a grid, less what solids cover."""
+
+    origin: tuple[float, float]
+    """Outer corner of cell (0, 0), metres."""
+    resolution_m: float
+    """Edge of a cell."""
+    size: tuple[int, int]
+    """Cells along x and along y."""
+    runs: tuple[tuple[int, ...], ...]
+    """For each cell along x, ascending, where along y free cells begin and end (exclusive), in turns."""
+
+    @classmethod
+    def of_mask(cls, mask: NDArray[np.bool_], *, origin: tuple[float, float], resolution_m: float) -> Self:
+        """The free cells of a mask (X, Y)."""
+        edges = np.diff(np.pad(mask.astype(np.int8), ((0, 0), (1, 1))), axis=1)
+        return cls(
+            origin=origin,
+            resolution_m=resolution_m,
+            size=(mask.shape[0], mask.shape[1]),
+            runs=tuple(tuple(np.flatnonzero(row).tolist()) for row in edges),
+        )
+
+    def free_at(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Whether points (..., 2) lie in free cells."""
+        mask = np.zeros(self.size, bool)
+        for i, runs in enumerate(self.runs):
+            for start, stop in zip(runs[::2], runs[1::2], strict=True):
+                mask[i, start:stop] = True
+        cells = np.floor((points - self.origin) / self.resolution_m + _EDGE).astype(int)
+        is_inside = np.all((cells >= 0) & (cells < self.size), axis=-1)
+        i, j = np.moveaxis(np.where(is_inside[..., None], cells, 0), -1, 0)
+        return is_inside & mask[i, j]
+
+
+_EDGE = 1e-9
+"""Cells: a point on an edge lies in the cell after it, whatever the last digit says."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class SceneSpec:
     """One floor of one building."""
 
@@ -197,6 +239,8 @@ class SceneSpec:
     """All materials that its slots may take, where they are pictures; else they are procedural."""
     models: tuple[ModelRecord, ...] = ()
     """Of the models of others that stand in it, each once."""
+    floor_map: FloorMap | None = None
+    """Limits free space, where its maker drew one."""
 
     def with_palette(self, palette: Sequence[MaterialRef]) -> Self:
         """The same scene in other materials."""
@@ -271,6 +315,7 @@ for _cls in (
     SurfaceSpec,
     RoomSpec,
     DoorwaySpec,
+    FloorMap,
     SceneSpec,
 ):
     _cls.__pydantic_config__ = ConfigDict(extra="forbid")  # pyright: ignore[reportAttributeAccessIssue]

@@ -1,7 +1,7 @@
 """What is kept for testing: buildings and texture ids, and the check that nothing leaks.
 
-Owns Tables 4 and 5. Names of buildings are invented; their shape (five buildings with twelve floors to
-train, two with three floors to test) and the held-out texture ids are the paper's.
+Owns Tables 4 and 5: iGibson's buildings, and of our own homes, whose names are invented, the same shape
+(five buildings with twelve floors to train, two with three floors to test); held-out texture ids for both.
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,6 +34,21 @@ BUILDINGS: Mapping[str, Building] = MappingProxyType(
     }
 )
 """Source: Table 4 (numbers of buildings and floors); names ours."""
+
+IGIBSON_BUILDINGS: Mapping[str, Building] = MappingProxyType(
+    {
+        "Beechwood": Building(split="train", floors=2),
+        "Benevolence": Building(split="train", floors=3),
+        "Merom": Building(split="train", floors=2),
+        "Pomaria": Building(split="train", floors=3),
+        "Wainscott": Building(split="train", floors=2),
+        "Ihlen": Building(split="test", floors=2),
+        "Rs": Building(split="test", floors=1),
+    }
+)
+"""Source: Table 4. Its Rs_int has no number of a floor; here it is ``Rs_0``."""
+
+ALL_BUILDINGS: Mapping[str, Building] = MappingProxyType({**BUILDINGS, **IGIBSON_BUILDINGS})
 
 HELD_OUT_TEXTURE_IDS: Mapping[str, tuple[int, ...]] = MappingProxyType(
     {
@@ -94,17 +109,21 @@ CATALOGUE_SIZES: Mapping[str, int] = MappingProxyType(
 """Each category has the texture ids 1 to this number. Source: ours."""
 
 
-def split_of_scene(name: str) -> Split:
+def split_of_scene(name: str, buildings: Mapping[str, Building] = BUILDINGS) -> Split:
     """The split of the floor called ``<building>_<floor>``.
+
+    Args:
+        name: Of the floor.
+        buildings: Where it is looked up.
 
     Raises:
         ValueError: If there is no such floor.
     """
     building, _, floor = name.rpartition("_")
-    known = BUILDINGS.get(building)
+    known = buildings.get(building)
     if known is None or floor not in {str(i) for i in range(known.floors)}:
         allowed = ", ".join(
-            f"{b}_0..{v.floors - 1}" if v.floors > 1 else f"{b}_0" for b, v in BUILDINGS.items()
+            f"{b}_0..{v.floors - 1}" if v.floors > 1 else f"{b}_0" for b, v in buildings.items()
         )
         raise ValueError(f"scene {name!r} is unknown; allowed: {allowed}")
     return known.split
@@ -142,11 +161,12 @@ def sample_palette(
 
     Source: iGibson 1.0 materials.py (uniform class, then uniform instance).
     """
-    palette = []
+    palette, choices = [], {}
     for slot in slots:
         category = slot.categories[rng.integers(len(slot.categories))]
-        choices = _choices(category, split, tuple(pictures))
-        palette.append(choices[rng.integers(len(choices))])
+        if category not in choices:
+            choices[category] = _choices(category, split, tuple(pictures))
+        palette.append(choices[category][rng.integers(len(choices[category]))])
     return tuple(palette)
 
 
@@ -158,14 +178,23 @@ def _choices(category: str, split: Split, pictures: tuple[MaterialRef, ...]) -> 
 
 
 def is_for(material: MaterialRef, split: Split) -> bool:
-    """Whether ``split`` may show a material: held-out ids are for test, all others for training.
-
-    A category of pictures of which nothing is held out (Table 5 lists 22 of iGibson's 28) is for both.
-    """
+    """Whether ``split`` may show a material: held-out ids are for test, all others for training."""
     if not material.picture:
         return material.id in texture_ids(material.category, split)
-    held_out = HELD_OUT_TEXTURE_IDS.get(material.category, ())
-    return not held_out or (material.id in held_out) == (split == "test")
+    return is_picture_for(material.category, material.id, split)
+
+
+def is_picture_for(category: str, number: int, split: Split) -> bool:
+    """The same for a texture that is a picture.
+
+    Table 5 lists 22 of iGibson's 28 categories; the others are for both splits.
+    """
+    return is_shared(category) or (number in HELD_OUT_TEXTURE_IDS[category]) == (split == "test")
+
+
+def is_shared(category: str) -> bool:
+    """Whether pictures of a category are for both splits, as Table 5 does not list it."""
+    return category not in HELD_OUT_TEXTURE_IDS
 
 
 def check_palette(scene: SceneSpec) -> None:
@@ -175,18 +204,19 @@ def check_palette(scene: SceneSpec) -> None:
         ValueError: If a known building is given to the other split, or a slot holds a texture that
             is not for the scene's split or not of a category that the slot allows.
     """
-    building = BUILDINGS.get(scene.building)
+    building = ALL_BUILDINGS.get(scene.building)
     if building is not None and building.split != scene.split:
         raise ValueError(
             f"scene {scene.name!r} is marked {scene.split}; building {scene.building} is for {building.split}"
         )
+    pictures = set(scene.pictures)
     for slot, material in zip(scene.slots, scene.palette, strict=True):
         if material.category not in slot.categories:
             raise ValueError(
                 f"scene {scene.name!r}: slot {slot.name!r} holds texture {material};"
                 f" allowed categories: {', '.join(slot.categories)}"
             )
-        if scene.pictures and material not in scene.pictures:
+        if pictures and material not in pictures:
             raise ValueError(
                 f"scene {scene.name!r}: slot {slot.name!r} holds texture {material}, none of its pictures"
             )
@@ -194,4 +224,22 @@ def check_palette(scene: SceneSpec) -> None:
             raise ValueError(
                 f"scene {scene.name!r}: slot {slot.name!r} holds texture {material},"
                 f" which is not for the {scene.split} split"
+            )
+
+
+def check_models(scene: SceneSpec) -> None:
+    """Refuse a scene in which models of others stand that its split must not show.
+
+    A training scene shows no model that is for test. A test scene shows either none but these, or, where
+    nothing is held out, as of iGibson, models for training.
+
+    Raises:
+        ValueError: If a model of the other split is recorded in it.
+    """
+    holds_out = any(record.split == "test" for record in scene.models)
+    for record in scene.models:
+        if holds_out and record.split != scene.split:
+            raise ValueError(
+                f"scene {scene.name!r} is for {scene.split}; model {record.model!r} of {record.source!r}"
+                f" is for {record.split}"
             )

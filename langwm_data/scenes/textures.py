@@ -7,7 +7,7 @@ is the business of ``splits``.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from types import MappingProxyType
 
 import numpy as np
@@ -17,6 +17,7 @@ from langwm_data.scenes import texture_recipes as draw
 from langwm_data.scenes.patterns import Field
 from langwm_data.scenes.spec import MaterialRef
 from langwm_data.scenes.splits import CATALOGUE_SIZES
+from langwm_data.scenes.texture_cache import kept_picture
 from langwm_data.seeding import make_rng
 
 Draw = Callable[[np.random.Generator, int, Field], Field]
@@ -50,6 +51,10 @@ def texture_image(ref: MaterialRef, size_px: int) -> NDArray[np.uint8]:
         known = CATALOGUE_SIZES.get(ref.category)
         allowed = f"ids 1 to {known}" if known else f"categories {', '.join(CATALOGUE_SIZES)}"
         raise ValueError(f"texture {ref} is unknown; allowed: {allowed}")
+    return kept_picture(f"{ref.category}-{ref.id}", size_px, partial(_paint, ref, size_px))
+
+
+def _paint(ref: MaterialRef, size_px: int) -> NDArray[np.uint8]:
     recipe = RECIPES[ref.category]
     rng = make_rng(0, "texture", ref.category, ref.id)
     turn, place = divmod(ref.id - 1, len(recipe.colors))
@@ -57,9 +62,7 @@ def texture_image(ref: MaterialRef, size_px: int) -> NDArray[np.uint8]:
     # Later rounds through the same colours are darker, by a step that never repeats.
     base = base * (0.88 + 0.12 * np.cos(2.4 * turn)) + rng.uniform(-0.015, 0.015, 3)
     colors = np.clip(recipe.draw(rng, size_px, np.clip(base, 0.05, 0.92)), 0, 1)
-    image = (colors * 255).round().astype(np.uint8)
-    image.setflags(write=False)
-    return image
+    return (colors * 255).round().astype(np.uint8)
 
 
 def _recipe(tile_m: float, paint: Draw, colors: str) -> Recipe:

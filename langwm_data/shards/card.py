@@ -1,12 +1,14 @@
 """The data card: a README that people read and whose head Hugging Face ``datasets`` reads."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from langwm_data import atomic
+from langwm_data.scenes.spec import ModelRecord
+from langwm_data.shards.licence import is_igibson, licence_tags, licence_text
 from langwm_data.shards.manifest import CARD_FILE, Manifest
 
 _CAPTION = {
@@ -68,7 +70,7 @@ wrong where their lists happen to be empty."""
 _BODY = """
 # {title}
 
-{frames} rendered views of furnished homes, made by {generator} with the `{renderer}` renderer: colour,
+{frames} rendered views of {subject}, made by {generator} with the `{renderer}` renderer: colour,
 metric depth, instance masks, and sentences that say which object lies in which direction and how far away.
 Floors and texture ids of the test split do not occur in the training split.
 
@@ -134,21 +136,26 @@ Pillow's mode `I;16`).
 
 ## Licence
 
-Homes, furniture and textures are procedural, made by the generator itself; no third-party assets are
-in these files. They may be used under the generator's licence, Apache-2.0.
+{licence}
 """
 
 
-def write_card(folder: Path, manifest: Manifest) -> None:
-    """Write ``README.md``."""
-    atomic.write_text(folder / CARD_FILE, f"---\n{_head(manifest)}---\n{_body(manifest)}")
+def write_card(folder: Path, manifest: Manifest, models: Sequence[ModelRecord]) -> None:
+    """Write ``README.md``.
+
+    Args:
+        folder: Of the dataset.
+        manifest: What it holds.
+        models: Those of others that stand in its scenes: their licences ask for their authors' names.
+    """
+    atomic.write_text(folder / CARD_FILE, f"---\n{_head(manifest)}---\n{_body(manifest, models)}")
 
 
 def _head(manifest: Manifest) -> str:
     files = [{"split": split, "path": f"{split}/*.tar"} for split in manifest.splits]
     head = {
-        "pretty_name": "LanGWM homes",
-        "license": "apache-2.0",
+        "pretty_name": _title(manifest),
+        **licence_tags(manifest),
         "language": ["en"],
         "task_categories": ["depth-estimation", "image-to-text"],
         "tags": ["webdataset", "embodied-ai", "synthetic"],
@@ -159,10 +166,12 @@ def _head(manifest: Manifest) -> str:
     return yaml.safe_dump(head, sort_keys=False)
 
 
-def _body(manifest: Manifest) -> str:
+def _body(manifest: Manifest, models: Sequence[ModelRecord]) -> str:
     splits = [f"| {name} | {split.frames} | {len(split.scenes)} |" for name, split in manifest.splits.items()]
     return _BODY.format(
-        title="LanGWM homes",
+        title=_title(manifest),
+        subject="furnished scenes of iGibson 1.0" if is_igibson(manifest) else "furnished homes",
+        licence=licence_text(manifest, models),
         frames=manifest.frames,
         generator=manifest.generator,
         renderer=manifest.renderer,
@@ -173,6 +182,10 @@ def _body(manifest: Manifest) -> str:
         height=manifest.camera.height,
         width=manifest.camera.width,
     )
+
+
+def _title(manifest: Manifest) -> str:
+    return "LanGWM views of iGibson 1.0" if is_igibson(manifest) else "LanGWM homes"
 
 
 def _as_list(features: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from langwm_data.config import LabelsConfig
+from langwm_data.config import CameraConfig, LabelsConfig
 from langwm_data.labels.captions import direction, format_distance
 from langwm_data.labels.instances import ObjectLabel, label_frame
 from langwm_data.labels.parse import parse_caption
@@ -127,22 +127,19 @@ def identity_faults(key: str, document: SampleDocument, split: Split, scene: Sce
     return faults
 
 
-def camera_faults(sample: SampleDocument, camera: CameraRecord) -> list[str]:
-    """Whether size and intrinsics are the dataset's, and the pose that of the camera's angles and place."""
+def camera_faults(sample: SampleDocument, camera: CameraRecord, config: CameraConfig) -> list[str]:
+    """Whether size and intrinsics are the dataset's, and the pose that of a camera on a robot somewhere."""
     document, faults = sample["camera"], []
     if (document["height"], document["width"], document["K"]) != (camera.height, camera.width, camera.K):
         faults.append("camera size or K is not that of the dataset")
     pose = np.array(document["camera_to_world"])
-    again = Camera(
-        height=camera.height,
-        width=camera.width,
-        vertical_fov_rad=1.0,  # plays no part in a pose
-        position=(float(pose[0, 3]), float(pose[1, 3]), float(pose[2, 3])),
-        yaw_rad=document["yaw_rad"],
-        pitch_rad=document["pitch_rad"],
-    )
+    again = Camera.on_robot(config, (float(pose[0, 3]), float(pose[1, 3])), document["yaw_rad"])
     if not np.allclose(pose, again.camera_to_world, rtol=0, atol=1e-9):
-        faults.append("camera_to_world is not the pose of yaw_rad and pitch_rad")
+        faults.append(
+            "camera_to_world is not the pose of yaw_rad, at the height and pitch of the configuration"
+        )
+    if not math.isclose(document["pitch_rad"], again.pitch_rad, rel_tol=0, abs_tol=1e-9):
+        faults.append(f"pitch_rad is {document['pitch_rad']!r}; the configuration says {again.pitch_rad!r}")
     if sample["pose"] != [pose[0, 3], pose[1, 3], document["yaw_rad"]]:
         faults.append("pose is not the place and yaw of the camera")
     return faults

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from langwm_data.png import SIGNATURE
+
 _HEAD = struct.Struct(">8sI4sIIBBBBB")
 _FIRST_CHUNK = 33
 """Behind the signature and the header chunk."""
-_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _FORMATS = {np.uint8: (8, 2), np.uint16: (16, 0)}
 """Bits and colour type: RGB of 8 bits, gray of 16."""
 
@@ -29,7 +30,7 @@ def decode_unfiltered(data: bytes, dtype: type[np.uint8 | np.uint16]) -> NDArray
     if len(data) < _FIRST_CHUNK:
         return None
     signature, length, kind, width, height, *others = _HEAD.unpack_from(data)
-    if (signature, length, kind) != (_SIGNATURE, 13, b"IHDR") or tuple(others) != (*_FORMATS[dtype], 0, 0, 0):
+    if (signature, length, kind) != (SIGNATURE, 13, b"IHDR") or tuple(others) != (*_FORMATS[dtype], 0, 0, 0):
         return None
     row_bytes = 1 + width * (3 if dtype is np.uint8 else 2)
     packed = _pixel_stream(data)

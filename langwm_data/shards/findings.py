@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Any
 
+WRONG_CHECKSUM = "its SHA-256 is not that of the manifest"
+
 _SHOWN = 80
 """Characters of foreign text in a sentence."""
 

@@ -20,7 +20,8 @@ from langwm_data.shards.manifest import (
     SplitRecord,
     write_manifest,
 )
-from langwm_data.shards.writer import WORK_DIR, read_parts, write_table
+from langwm_data.shards.scenes import read_models, scene_file
+from langwm_data.shards.writer import WORK_DIR, read_parts, sha256_of, write_table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,6 +30,7 @@ class Origin:
 
     generator: str
     fingerprint: str
+    physics: str
     renderer: str
     config: dict[str, Any]
     camera: CameraRecord
@@ -40,22 +42,27 @@ def finish_dataset(folder: Path, records: Sequence[ShardRecord], origin: Origin)
     frames, objects = read_parts(folder, records)
     write_table(folder / FRAMES_FILE, frames)
     write_table(folder / OBJECTS_FILE, objects)
+    splits = _splits(frames)
+    scenes = sorted({name for split in splits.values() for name in split.scenes})
+    files = [*(scene_file(name) for name in scenes), FRAMES_FILE, OBJECTS_FILE]
     manifest = Manifest(
         generator=origin.generator,
         fingerprint=origin.fingerprint,
+        physics=origin.physics,
         renderer=origin.renderer,
         config=origin.config,
         sources=origin.sources,
         camera=origin.camera,
         categories=_counts(objects["category"]),
         category_ids=dict(CATEGORY_IDS),
-        splits=_splits(frames),
+        splits=splits,
         frames=len(frames),
         objects=len(objects),
         captions=sum(frames["num_captions"].to_pylist()),
+        files={name: sha256_of(folder / name) for name in files},
         shards=list(records),
     )
-    write_card(folder, manifest)
+    write_card(folder, manifest, read_models(folder, manifest))
     write_manifest(folder, manifest)
     remove_work(folder)
     return manifest

@@ -4,6 +4,7 @@ Owns the files that describe a dataset. Each is read only after a look at what k
 how large.
 """
 
+import hashlib
 import json
 import tempfile
 from collections.abc import Iterator
@@ -14,10 +15,19 @@ import yaml
 
 from langwm_data.config import DatasetConfig
 from langwm_data.config_io import CONFIG_FILE, ConfigError, build_config
-from langwm_data.scenes.splits import check_palette
+from langwm_data.fingerprint import fingerprint_of
+from langwm_data.labels.semantic import CATEGORY_IDS
+from langwm_data.scenes.splits import check_models, check_palette
 from langwm_data.shards.card import write_card
-from langwm_data.shards.findings import Finding, foreign
-from langwm_data.shards.manifest import CARD_FILE, FRAMES_FILE, MANIFEST_FILE, OBJECTS_FILE, Manifest
+from langwm_data.shards.findings import WRONG_CHECKSUM, Finding, foreign
+from langwm_data.shards.manifest import (
+    CARD_FILE,
+    FRAMES_FILE,
+    MANIFEST_FILE,
+    OBJECTS_FILE,
+    Manifest,
+    manifest_text,
+)
 from langwm_data.shards.sample import MILLIMETRES, DatasetError
 from langwm_data.shards.scenes import SCENES_DIR, read_scene, scene_path
 from langwm_data.shards.writer import shard_path
@@ -32,7 +42,10 @@ MAX_SCENE_BYTES = 32 << 20
 
 def check_folder(folder: Path, manifest: Manifest) -> list[Finding]:
     """Everything but the shards, the scenes and the rows of the index."""
-    findings = [Finding(where=MANIFEST_FILE, what=fault) for fault in manifest_faults(manifest)]
+    faults = manifest_faults(manifest)
+    if (folder / MANIFEST_FILE).read_bytes() != manifest_text(manifest).encode():
+        faults.append("it is not written as the generator writes it (space, order, names given twice)")
+    findings = [Finding(where=MANIFEST_FILE, what=fault) for fault in faults]
     findings += check_places(folder, manifest)
     if fault := config_fault(folder / CONFIG_FILE, manifest):
         findings.append(Finding(where=CONFIG_FILE, what=fault))
@@ -46,7 +59,7 @@ def check_scenes(folder: Path, manifest: Manifest) -> tuple[frozenset[str], list
     sound, findings = set(), []
     for split, record in manifest.splits.items():
         for name in record.scenes:
-            if fault := scene_fault(folder, name, split):
+            if fault := scene_fault(folder, name, split, manifest.files.get(f"{SCENES_DIR}/{name}.json")):
                 findings.append(Finding(where=f"{SCENES_DIR}/{_file_name(name)}", what=fault))
             else:
                 sound.add(name)
@@ -94,6 +107,28 @@ def manifest_faults(manifest: Manifest) -> list[str]:
         faults.append(f"it has {manifest.frames} frames; its shards have another number")
     if manifest.objects != sum(manifest.categories.values()):
         faults.append(f"it has {manifest.objects} objects; its categories have another number")
+    return faults + _origin_faults(manifest)
+
+
+def _origin_faults(manifest: Manifest) -> list[str]:
+    """Whether its own words about how it was made give its fingerprint, and name the files that it has."""
+    faults = []
+    mark = fingerprint_of(
+        manifest.config,
+        sources=manifest.sources,
+        physics=manifest.physics,
+        renderer=manifest.renderer,
+        generator=manifest.generator,
+        schema_version=manifest.schema_version,
+    )
+    if mark != manifest.fingerprint:
+        faults.append("its fingerprint is not that of its config, sources, physics, renderer and generator")
+    scenes = {f"{SCENES_DIR}/{name}.json" for split in manifest.splits.values() for name in split.scenes}
+    if wrong := sorted({*scenes, FRAMES_FILE, OBJECTS_FILE} ^ set(manifest.files)):
+        faults.append(f"its files are not those of its scenes and index: {foreign(wrong[0])}")
+    for name, number in manifest.category_ids.items():
+        if CATEGORY_IDS.get(name) != number:
+            faults.append(f"category_ids gives {foreign(name)} the number {number}; here it is another")
     return faults
 
 
@@ -113,7 +148,7 @@ def card_fault(path: Path, manifest: Manifest) -> str:
     if fault := _file_fault(path, MAX_CARD_BYTES):
         return fault
     with tempfile.TemporaryDirectory(prefix="langwm-verify-") as folder:
-        write_card(Path(folder), manifest)
+        write_card(Path(folder), manifest, ())
         expected = _head(Path(folder, CARD_FILE).read_bytes())
     try:
         head = _head(path.read_bytes())
@@ -123,20 +158,23 @@ def card_fault(path: Path, manifest: Manifest) -> str:
     return f"its head has another {wrong[0]!r} than the shards need to load in Hugging Face" if wrong else ""
 
 
-def scene_fault(folder: Path, name: str, split: str) -> str:
-    """Whether a baked scene is one, in the form in which it is written, for this split."""
+def scene_fault(folder: Path, name: str, split: str, sha256: str | None) -> str:
+    """Whether a baked scene is the one that was written, and for this split."""
     try:
         path = scene_path(folder, name)
         if fault := _file_fault(path, MAX_SCENE_BYTES):
             return fault
         scene = read_scene(folder, name)
         check_palette(scene)
+        check_models(scene)
     except ValueError as error:
         return str(error).removeprefix(f"{folder / SCENES_DIR / name}.json: ")[:300]
     text = path.read_bytes()
     if json.dumps(json.loads(text), separators=(",", ":"), sort_keys=True).encode() != text:
         return "is not written as the generator writes it (space, order, names given twice)"
-    return "" if scene.split == split else f"is a scene for {scene.split}; the manifest says {split}"
+    if scene.split != split:
+        return f"is a scene for {scene.split}; the manifest says {split}"
+    return "" if hashlib.sha256(text).hexdigest() == sha256 else WRONG_CHECKSUM
 
 
 def _file_fault(path: Path, limit: int) -> str:

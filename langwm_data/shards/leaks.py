@@ -7,7 +7,13 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 from langwm_data.scenes.spec import MaterialRef, Split
-from langwm_data.scenes.splits import BUILDINGS, CATALOGUE_SIZES, texture_ids
+from langwm_data.scenes.splits import (
+    ALL_BUILDINGS,
+    CATALOGUE_SIZES,
+    IGIBSON_BUILDINGS,
+    is_picture_for,
+    texture_ids,
+)
 from langwm_data.scenes.taxonomy import is_structure
 from langwm_data.shards.document import SampleDocument
 from langwm_data.shards.findings import foreign
@@ -58,13 +64,13 @@ def sample_leaks(
     """
     leaks = []
     for name in dict.fromkeys((document["building"], document["scene"].rpartition("_")[0])):
-        building = BUILDINGS.get(name)
+        building = ALL_BUILDINGS.get(name)
         if building is None:
             leaks.append(f"building {foreign(name)} is in no table of splits")
         elif building.split != split:
             leaks.append(f"building {name} is for {building.split}, the frame is for {split}")
     for text in dict.fromkeys(document["palette"]):
-        if leak := _texture_leak(text, split):
+        if leak := _texture_leak(text, split, is_picture=document["building"] in IGIBSON_BUILDINGS):
             leaks.append(leak)
     if split == "train":
         seen = {obj["model"] for obj in document["objects"]}
@@ -73,15 +79,20 @@ def sample_leaks(
 
 
 @lru_cache(maxsize=1 << 12)
-def _texture_leak(text: str, split: Split) -> str:
+def _texture_leak(text: str, split: Split, *, is_picture: bool) -> str:
     try:
         material = MaterialRef.parse(text)
     except ValueError:
         return f"texture {foreign(text)} is not of the form wood/05"
     category = material.category
-    if material.id not in range(1, CATALOGUE_SIZES.get(category, 0) + 1) or str(material) != text:
+    is_known = is_picture or material.id in range(1, CATALOGUE_SIZES.get(category, 0) + 1)
+    if not is_known or str(material) != text:
         return f"texture {foreign(text)} is in no table of splits"
-    if material.id in texture_ids(category, split):
+    if (
+        is_picture_for(category, material.id, split)
+        if is_picture
+        else material.id in texture_ids(category, split)
+    ):
         return ""
     meant = "training" if split == "test" else "test"
     return f"texture {text} is for {meant} only, the frame is for {split}"

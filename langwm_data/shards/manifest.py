@@ -68,7 +68,9 @@ class Manifest:
     generator: str
     """Program and version."""
     fingerprint: str
-    """SHA-256 over config, sources, generator and renderer: equal fingerprints, equal shards."""
+    """SHA-256 over config, sources, physics, generator and renderer: equal fingerprints, equal shards."""
+    physics: str
+    """What let loose things come to rest, with its version."""
     renderer: str
     config: dict[str, Any]
     sources: dict[str, str] = field(default_factory=dict)
@@ -82,6 +84,9 @@ class Manifest:
     frames: int
     objects: int
     captions: int
+    files: dict[str, str]
+    """SHA-256 of scenes and index by path, relative to the dataset. Not of the data card, whose words may be
+    changed."""
     shards: list[ShardRecord]
 
 
@@ -92,7 +97,12 @@ _ADAPTER = TypeAdapter(Manifest)
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
     """Write ``dataset.json``, which makes the dataset complete."""
-    atomic.write_json(folder / MANIFEST_FILE, dataclasses.asdict(manifest))
+    atomic.write_text(folder / MANIFEST_FILE, manifest_text(manifest))
+
+
+def manifest_text(manifest: Manifest) -> str:
+    """The content of ``dataset.json``."""
+    return json.dumps(dataclasses.asdict(manifest), indent=2, allow_nan=False) + "\n"
 
 
 def read_manifest(folder: Path) -> Manifest:

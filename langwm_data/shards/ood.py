@@ -13,13 +13,15 @@ from pathlib import Path
 from typing import Any
 
 from langwm_data.scenes.spec import Split
+from langwm_data.scenes.splits import check_models, is_shared
 from langwm_data.shards.document import parse_document
 from langwm_data.shards.every_shard import ShardCheck, check_every_shard
 from langwm_data.shards.findings import Finding, foreign
 from langwm_data.shards.folder_check import check_places
 from langwm_data.shards.leaks import Shown, sample_leaks
-from langwm_data.shards.manifest import ShardRecord, read_manifest
+from langwm_data.shards.manifest import Manifest, ShardRecord, read_manifest
 from langwm_data.shards.sample import META_KEY, DatasetError
+from langwm_data.shards.scenes import SCENES_DIR, read_scene
 from langwm_data.shards.shard_check import MAX_FINDINGS
 from langwm_data.shards.tar_walk import RawSample, walk_samples
 from langwm_data.workers import Report
@@ -66,8 +68,9 @@ def verify_ood(
 
     Args:
         path: Folder that holds ``dataset.json``.
-        held_out_models: Models that only test frames may show. The procedural furniture holds out none:
-            buildings of both splits choose from the same models.
+        held_out_models: Models that only test frames may show, beside those of which a scene of the
+            dataset says so. The procedural furniture holds out none: buildings of both splits choose from
+            the same models.
         workers: Processes. More than one needs a script guarded by ``if __name__ == "__main__":``.
         progress: Called with frames done and frames in all.
 
@@ -77,6 +80,8 @@ def verify_ood(
     folder = Path(path)
     manifest = read_manifest(folder)
     findings = list(check_places(folder, manifest))
+    recorded, of_scenes = _recorded_models(folder, manifest)
+    held_out_models, findings = held_out_models | recorded, findings + of_scenes
     tasks = [ShardCheck(number=n, record=record) for n, record in enumerate(manifest.shards)]
     make_check = partial(OodChecker, folder, held_out_models)
     shown: dict[Split, Shown] = {split: Shown() for split in manifest.splits}
@@ -86,6 +91,20 @@ def verify_ood(
     if len(shown) == 2:
         findings += _in_both(shown["train"], shown["test"])
     return OodReport(shown=shown, held_out_models=held_out_models, findings=tuple(findings))
+
+
+def _recorded_models(folder: Path, manifest: Manifest) -> tuple[frozenset[str], list[Finding]]:
+    """The models that some scene says are for test, and scenes that show what is not for their split."""
+    held_out: set[str] = set()
+    findings = []
+    for name in dict.fromkeys(name for record in manifest.splits.values() for name in record.scenes):
+        try:
+            scene = read_scene(folder, name)
+            held_out |= {record.model for record in scene.models if record.split == "test"}
+            check_models(scene)
+        except ValueError as error:
+            findings.append(Finding(where=f"{SCENES_DIR}/{foreign(name)[1:-1]}.json", what=str(error)[:300]))
+    return frozenset(held_out), findings
 
 
 class OodChecker:
@@ -137,7 +156,10 @@ class OodChecker:
 
 
 def _in_both(train: Shown, test: Shown) -> list[Finding]:
-    """Buildings and textures that both splits show, by a test frame and a training frame that do."""
+    """Buildings and textures that both splits show, by a test frame and a training frame that do.
+
+    Materials of iGibson of which nothing is held out may be in both; in homes they are findings of their own.
+    """
     return [
         Finding(
             where="train",
@@ -149,4 +171,5 @@ def _in_both(train: Shown, test: Shown) -> list[Finding]:
             ("texture", (train.textures, test.textures)),
         )
         for name in sorted(tables[0].keys() & tables[1].keys())
+        if kind == "building" or not is_shared(name.rpartition("/")[0])
     ]

@@ -80,7 +80,10 @@ class Sample:
 
 def to_millimetres(depth: NDArray[np.float32]) -> NDArray[np.uint16]:
     """Depth as it is stored. What 16 bits cannot hold (beyond 65.535 m) becomes 0, invalid."""
-    return np.where(depth <= MAX_DEPTH_M, np.rint(depth * MILLIMETRES), 0).astype(np.uint16)
+    millimetres = depth * np.float32(MILLIMETRES)
+    np.rint(millimetres, out=millimetres)
+    millimetres[~(depth <= MAX_DEPTH_M)] = 0
+    return millimetres.astype(np.uint16)
 
 
 def to_metres(millimetres: NDArray[np.uint16]) -> NDArray[np.float32]:

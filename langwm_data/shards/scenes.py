@@ -4,11 +4,23 @@ import re
 from pathlib import Path
 
 from langwm_data import atomic
-from langwm_data.scenes.spec import SceneSpec
+from langwm_data.scenes.spec import ModelRecord, SceneSpec
+from langwm_data.shards.manifest import Manifest
 from langwm_data.shards.sample import DatasetError
 
 SCENES_DIR = "scenes"
 _NAME_PATTERN = r"[A-Za-z0-9_]+"
+
+
+def scene_file(name: str) -> str:
+    """Where the scene called ``name`` lies, relative to its dataset.
+
+    Raises:
+        DatasetError: If the name could lead out of the folder.
+    """
+    if not re.fullmatch(_NAME_PATTERN, name):
+        raise DatasetError(f"scene name {name!r} is not allowed; allowed: letters, digits and underscores")
+    return f"{SCENES_DIR}/{name}.json"
 
 
 def scene_path(folder: Path, name: str) -> Path:
@@ -17,9 +29,7 @@ def scene_path(folder: Path, name: str) -> Path:
     Raises:
         DatasetError: If the name could lead out of the folder.
     """
-    if not re.fullmatch(_NAME_PATTERN, name):
-        raise DatasetError(f"scene name {name!r} is not allowed; allowed: letters, digits and underscores")
-    return folder / SCENES_DIR / f"{name}.json"
+    return folder / scene_file(name)
 
 
 def write_scene(folder: Path, scene: SceneSpec) -> None:
@@ -43,3 +53,18 @@ def read_scene(folder: Path, name: str) -> SceneSpec:
     if scene.name != name:
         raise DatasetError(f"{path} holds scene {scene.name!r}; it should hold {name!r}")
     return scene
+
+
+def read_models(folder: Path, manifest: Manifest) -> tuple[ModelRecord, ...]:
+    """The models of others that stand in the scenes of a dataset, each once, sorted by name.
+
+    Where the manifest names no files of others there are none, and no scene is read.
+
+    Raises:
+        DatasetError: If the file of a scene is missing or damaged.
+    """
+    if not manifest.sources:
+        return ()
+    names = sorted({name for record in manifest.splits.values() for name in record.scenes})
+    records = {record for name in names for record in read_scene(folder, name).models}
+    return tuple(sorted(records, key=lambda r: (r.model, r.split)))

@@ -6,6 +6,7 @@ stands in ``tar_walk``, ``checks`` and ``index_check``.
 
 import dataclasses
 import hashlib
+import re
 from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -28,11 +29,12 @@ from langwm_data.shards.checks import (
 )
 from langwm_data.shards.document import SampleDocument, parse_document
 from langwm_data.shards.every_shard import ShardCheck
-from langwm_data.shards.findings import Finding, foreign
+from langwm_data.shards.findings import WRONG_CHECKSUM, Finding, foreign
 from langwm_data.shards.index import FRAMES_SCHEMA, OBJECTS_SCHEMA, frame_row, object_rows
 from langwm_data.shards.index_check import RowReader, open_index, row_fault
 from langwm_data.shards.leaks import sample_leaks
-from langwm_data.shards.manifest import FRAMES_FILE, OBJECTS_FILE, ShardRecord, read_manifest
+from langwm_data.shards.manifest import FRAMES_FILE, GENERATOR, OBJECTS_FILE, ShardRecord, read_manifest
+from langwm_data.shards.plan_check import Place, PlanChecker
 from langwm_data.shards.sample import CAPTION_KEY, META_KEY, DatasetError, Sample
 from langwm_data.shards.scenes import read_scene
 from langwm_data.shards.tar_walk import RawSample, walk_samples
@@ -48,9 +50,34 @@ _CHUNK = 1 << 20
 class Rows:
     """What the index says of one sample."""
 
+    before: dict[str, Any] | None
+    """The row of the frame before it, where that was read."""
     frame: dict[str, Any]
     objects: list[dict[str, Any]] | None
     """Nothing where that table cannot be compared."""
+
+
+@dataclass(kw_only=True)
+class Walk:
+    """How far a shard has been read."""
+
+    record: ShardRecord
+    number: int
+    """Of the sample that comes now, in its split."""
+    samples: int = 0
+    """Read so far."""
+    before: Place | None = None
+    """Where the sample before it was taken; nothing where that is damaged."""
+
+    def arrive(self, key: str) -> list[str]:
+        """Take the number in the key of the next sample; whether it is the one that comes now."""
+        expected = self.number + (self.samples > 0)
+        text = key.rpartition("-")[2]
+        self.number = int(text) if re.fullmatch(r"\d{6,18}", text, re.ASCII) else expected
+        if self.number == expected:
+            return []
+        self.before = None
+        return [f"it has number {self.number}; the one that comes here is {expected}"]
 
 
 class HashingFile:
@@ -87,6 +114,7 @@ class ShardChecker:
         self._manifest = read_manifest(folder)
         self._config = build_config(DatasetConfig, self._manifest.config)
         self._scenes: dict[str, SceneRecord] = {}
+        self._plans: dict[str, PlanChecker] = {}
 
     def __call__(self, task: ShardCheck, report: Report) -> list[dict[str, str]]:
         """The findings as JSON; ``report`` hears of every frame."""
@@ -104,39 +132,50 @@ class ShardChecker:
             return
         if (size := path.stat().st_size) != record.bytes:
             yield Finding(where=where, what=f"has {size} bytes; the manifest says {record.bytes}")
-        samples = 0
         rows, of_rows = self._rows(task), []
+        walk = Walk(record=record, number=self._first_number(record))
         with path.open("rb") as raw:
             file = HashingFile(raw)
             try:
                 for sample in walk_samples(file.read):
-                    samples += 1
-                    of_rows += yield from self._check_sample(sample, record, next(rows, None))
+                    of_rows += yield from self._check_sample(sample, walk, next(rows, None))
+                    walk.samples += 1
                     report(1)
             except DatasetError as error:
                 yield Finding(where=where, what=str(error))
-            if samples != record.samples:
-                yield Finding(where=where, what=f"has {samples} samples; the manifest says {record.samples}")
+            if walk.samples != record.samples:
+                what = f"has {walk.samples} samples; the manifest says {record.samples}"
+                yield Finding(where=where, what=what)
             if file.finish() != record.sha256:
-                yield Finding(where=where, what="its SHA-256 is not that of the manifest")
+                yield Finding(where=where, what=WRONG_CHECKSUM)
             else:  # else the index is of another shard than the one that is there
                 yield from of_rows
 
+    def _first_number(self, record: ShardRecord) -> int:
+        """Number in its split of a shard's first frame."""
+        return int(Path(record.path).stem.rpartition("-")[2]) * self._config.shards.samples_per_shard
+
     def _check_sample(
-        self, raw: RawSample, record: ShardRecord, rows: Rows | None
+        self, raw: RawSample, walk: Walk, rows: Rows | None
     ) -> Generator[Finding, None, list[Finding]]:
         """Yield what is wrong with a sample; return what is wrong with its rows of the index."""
+        shard = walk.record.path
+        if walk.samples == 0 and rows is not None and rows.before is not None:
+            walk.before = Place.of_row(rows.before)
+        faults = walk.arrive(raw.key)
+        sample = None
         try:
-            sample, faults = self._open_sample(raw, record.split)
+            sample, more = self._open_sample(raw, walk)
         except DatasetError as error:
-            sample, faults = None, [str(error)]
-        for fault in faults:
-            yield Finding(where=record.path, key=raw.key, what=fault)
+            more = [str(error)]
+        for fault in [*faults, *more]:
+            yield Finding(where=shard, key=raw.key, what=fault)
+        walk.before = Place.of_document(sample.meta) if sample else None
         if sample is None or rows is None:
             return []
-        return list(_row_findings(rows, sample, record.path, raw.places))
+        return list(_row_findings(rows, sample, shard, raw.places))
 
-    def _open_sample(self, raw: RawSample, split: Split) -> tuple[Sample | None, list[str]]:
+    def _open_sample(self, raw: RawSample, walk: Walk) -> tuple[Sample | None, list[str]]:
         """The sample where its files can be trusted, and what is wrong with it.
 
         Raises:
@@ -146,6 +185,7 @@ class ShardChecker:
             return None, raw.faults
         rgb, depth, instance = read_images(raw.files, self._manifest.camera)
         document = parse_document(raw.files[META_KEY])
+        split = walk.record.split
         if faults := self._document_faults(raw.key, document, split):
             return None, faults
         if document["scene"] not in self._sound_scenes:
@@ -158,14 +198,17 @@ class ShardChecker:
             meta=cast(dict[str, Any], document),
             caption=read_caption(raw.files[CAPTION_KEY]),
         )
-        return sample, self._truth_faults(sample, document)
+        planned = self._plan(document["scene"]).faults(document, split, walk.number, walk.before)
+        return sample, planned + self._truth_faults(sample, document)
 
     def _document_faults(self, key: str, document: SampleDocument, split: Split) -> list[str]:
         """What the document says without a look at the images."""
         name, record = document["scene"], self._manifest.splits.get(split)
         if record is None or name not in record.scenes:
             return [f"scene {foreign(name)} is no scene of the {split} split"]
-        faults = camera_faults(document, self._manifest.camera) + sample_leaks(document, split)
+        faults = camera_faults(document, self._manifest.camera, self._config.camera) + sample_leaks(
+            document, split
+        )
         if name in self._sound_scenes:  # whoever checks the scenes names the others
             faults += identity_faults(key, document, split, self._scene(name))
         return faults
@@ -184,20 +227,29 @@ class ShardChecker:
             self._scenes[name] = SceneRecord.of(read_scene(self._folder, name))
         return self._scenes[name]
 
+    def _plan(self, name: str) -> PlanChecker:
+        """What is planned for the frames of a sound scene."""
+        if name not in self._plans:
+            scene = read_scene(self._folder, name)
+            draws_again = self._manifest.generator == GENERATOR
+            self._plans[name] = PlanChecker(self._config, scene, draws_again=draws_again)
+        return self._plans[name]
+
     def _rows(self, task: ShardCheck) -> Iterator[Rows]:
         """The index's rows of each sample in turn; none where the index cannot be compared."""
         if task.frames is None:
             return
         if task.objects is None:
-            yield from (Rows(frame=frame, objects=None) for frame in self._frames.take(task.frames))
+            for before, frame in self._frames.take(task.frames):
+                yield Rows(before=before, frame=frame, objects=None)
             return
-        groups = groupby(self._objects.take(task.objects), itemgetter("key"))
+        groups = groupby((row for _, row in self._objects.take(task.objects)), itemgetter("key"))
         group = next(groups, None)
-        for frame in self._frames.take(task.frames):
+        for before, frame in self._frames.take(task.frames):
             objects = []
             if group is not None and group[0] == frame["key"]:
                 objects, group = list(group[1]), next(groups, None)
-            yield Rows(frame=frame, objects=objects)
+            yield Rows(before=before, frame=frame, objects=objects)
 
     @cached_property
     def _frames(self) -> RowReader:

@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from langwm_data.png import SIGNATURE
 from langwm_data.shards.findings import foreign
 from langwm_data.shards.sample import DatasetError
 
-_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _COLOR_TYPES = {0: "gray", 2: "RGB", 3: "palette", 4: "gray with alpha", 6: "RGB with alpha"}
 _MAX_FILTER = 4
 
@@ -33,7 +33,7 @@ def read_png(data: bytes, shape: tuple[int, ...], dtype: type[np.uint8 | np.uint
 
     Source: PNG specification, third edition, sections 5, 9 and 11.
     """
-    if not data.startswith(_SIGNATURE):
+    if not data.startswith(SIGNATURE):
         raise DatasetError("is not a PNG")
     chunks = _split_chunks(data)
     kinds = [kind for kind, _ in chunks]
@@ -69,7 +69,7 @@ def _check_header(header: bytes, shape: tuple[int, ...], dtype: type[np.uint8 | 
 
 def _split_chunks(data: bytes) -> list[tuple[bytes, bytes]]:
     """Kind and content of all chunks, at least one."""
-    chunks, offset = [], len(_SIGNATURE)
+    chunks, offset = [], len(SIGNATURE)
     while offset < len(data) or not chunks:
         if len(data) - offset < 12:
             raise DatasetError("is cut off or has something behind its end")

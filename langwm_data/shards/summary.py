@@ -42,7 +42,8 @@ class DatasetSummary:
         lines = [
             f"{self.path}: {total} frames of {height} x {width} px, {self.shards} shards",
             f"made by {self.generator}, renderer {self.renderer}",
-            f"disk: {_size(self.bytes_total)} ({_size(self.bytes_shards / max(total, 1))} per frame)",
+            f"disk: {format_size(self.bytes_total)}"
+            f" ({format_size(self.bytes_shards / max(total, 1))} per frame)",
             f"captions: {self.captions}; frames without one: {self.frames_without_caption}",
         ]
         for split, scenes in self.scenes.items():
@@ -95,7 +96,8 @@ def _bars(counts: dict[str, int]) -> list[str]:
     ]
 
 
-def _size(num_bytes: float) -> str:
+def format_size(num_bytes: float) -> str:
+    """Bytes in the unit that fits, such as ``14.2 kB``."""
     for unit in ("B", "kB", "MB", "GB"):
         if num_bytes < 1000:
             return f"{num_bytes:.0f} B" if unit == "B" else f"{num_bytes:.1f} {unit}"

@@ -29,19 +29,22 @@ class VerifyReport:
     """Frames that the dataset claims to have."""
     shards: int
     findings: tuple[Finding, ...]
+    redrawn: int = 0
+    """Frames that were drawn again and compared."""
 
     @property
     def is_sound(self) -> bool:
         """Whether nothing is wrong."""
         return not self.findings
 
-    def with_findings(self, more: Iterable[Finding]) -> Self:
-        """The same report with what another check found."""
-        return dataclasses.replace(self, findings=(*self.findings, *more))
+    def with_redrawn(self, count: int, more: Iterable[Finding]) -> Self:
+        """The same report with what drawing so many frames again found."""
+        return dataclasses.replace(self, redrawn=count, findings=(*self.findings, *more))
 
     def as_text(self) -> str:
         """One line for each finding, and one that sums up."""
         size = f"{self.frames} frames in {self.shards} shards"
+        size += f", {self.redrawn} drawn again" if self.redrawn else ""
         if self.is_sound:
             return f"sound: {size}"
         return "\n".join([*map(str, self.findings), f"damaged: {len(self.findings)} findings in {size}"])

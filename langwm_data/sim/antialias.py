@@ -7,15 +7,14 @@ face. Colours within a face are smooth already, by mip mapping.
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 QUARTERS = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
 """Row and column, in quarters of a pixel from its centre."""
-_NEIGHBOURS = ((0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (-1, 1), (1, -1), (1, 1))
-"""Row and column steps, the nearest first."""
+_NEIGHBOURS = np.array([(0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (-1, 1), (1, -1), (1, 1), (0, 0)])
+"""Row and column steps, the nearest first, and last the pixel itself, which is taken if no other will do."""
 
 Faces = NDArray[np.int32]
 Indices = NDArray[np.intp]
@@ -43,9 +42,10 @@ def find_open_quarters(faces: Faces) -> OpenQuarters:
     mixed[:-1] |= across
     mixed[:, 1:] |= down
     mixed[:, :-1] |= down
-    corners = np.stack([mixed[:-1, :-1], mixed[:-1, 1:], mixed[1:, :-1], mixed[1:, 1:]])
-    number, pixel = np.divmod(np.flatnonzero(corners), faces.size)
-    return OpenQuarters(number=number, pixel=pixel)
+    corners = mixed[:-1, :-1], mixed[:-1, 1:], mixed[1:, :-1], mixed[1:, 1:]
+    pixels = [np.flatnonzero(corner) for corner in corners]
+    number = np.repeat(np.arange(len(QUARTERS)), [len(pixel) for pixel in pixels])
+    return OpenQuarters(number=number, pixel=np.concatenate(pixels))
 
 
 def smooth_edges(rgb: NDArray[np.uint8], faces: Faces, quarters: OpenQuarters, seen: Faces) -> None:
@@ -58,26 +58,26 @@ def smooth_edges(rgb: NDArray[np.uint8], faces: Faces, quarters: OpenQuarters, s
         seen: (Q,), the face at the middle of each of them. One that no neighbour shows counts as the
             pixel's own.
     """
-    is_other = seen != faces.ravel()[quarters.pixel]
-    number, pixel, seen = quarters.number[is_other], quarters.pixel[is_other], seen[is_other]
-    colors = rgb.reshape(-1, 3)
-    change = colors[_sources(faces, pixel, seen)].astype(np.int16) - colors[pixel]
-    total = np.zeros(colors.shape, np.int16)
-    bounds = np.searchsorted(number, np.arange(len(QUARTERS) + 1))
-    for start, stop in pairwise(bounds.tolist()):
-        total[pixel[start:stop]] += change[start:stop]
-    colors += ((total + 2) // 4).astype(np.uint8)  # modulo 256, as sums of bytes are
+    is_other = np.flatnonzero(seen != faces.ravel()[quarters.pixel])
+    if not len(is_other):
+        return
+    # The quarters of one pixel, one after the other.
+    is_other = is_other[np.argsort(quarters.pixel[is_other], kind="stable")]
+    pixel, colors = quarters.pixel[is_other], rgb.reshape(-1, 3)
+    first = np.flatnonzero(np.append(True, pixel[1:] != pixel[:-1]))
+    source = _sources(faces, pixel, seen[is_other])
+    change = colors.take(source, axis=0).astype(np.int16) - colors.take(pixel, axis=0)
+    total = np.add.reduceat(change, first, axis=0)
+    colors[pixel[first]] += ((total + 2) >> 2).astype(np.uint8)  # modulo 256, as sums of bytes are
 
 
 def _sources(faces: Faces, pixel: Indices, wanted: Faces) -> Indices:
     """(Q,): the pixel nearest to each ``pixel`` that shows the face ``wanted``, or itself if none does."""
-    width = faces.shape[1]
-    framed = np.pad(faces, 1, constant_values=-1).ravel()
+    height, width = faces.shape
+    framed = np.full((height + 2, width + 2), -1, np.int32)
+    framed[1:-1, 1:-1] = faces
     in_frame = pixel + 2 * (pixel // width) + width + 3
-    source = pixel.copy()
-    is_open = np.arange(len(pixel))
-    for row, column in _NEIGHBOURS:
-        is_there = framed[in_frame[is_open] + row * (width + 2) + column] == wanted[is_open]
-        source[is_open[is_there]] += row * width + column
-        is_open = is_open[~is_there]
-    return source
+    row, column = _NEIGHBOURS.T[..., None]
+    is_there = framed.take(in_frame + row * (width + 2) + column) == wanted
+    is_there[-1] = True
+    return pixel + (row * width + column).ravel()[is_there.argmax(axis=0)]

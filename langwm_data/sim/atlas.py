@@ -120,6 +120,10 @@ class Atlas:
             self._blocks[texture] = (x, y, size, size.bit_length() - 1)
         return self._blocks[texture]
 
+    def known_place(self, texture: Texture) -> Block | None:
+        """Where a texture lies, if anyone asked for it before."""
+        return self._blocks.get(texture)
+
     def _find_place(self, size: int, height: int, width: int) -> tuple[int, int]:
         x, y = self._shelves.get(size, (WIDTH, 0))
         if x + width > WIDTH:
@@ -150,16 +154,26 @@ class Blocks:
         self._generation = atlas.generation
 
     def fill_seen(self, numbers: NDArray[np.int32]) -> bool:
-        """Fill in the rows of ``numbers``, any number in any shape; whether the table changed."""
+        """Fill in the rows of ``numbers``, any number in any shape; whether the table changed.
+
+        If it has to, it takes in all others that have places already: whoever copies the table does so less.
+        """
         needed = np.zeros(len(self._textures), np.bool_)
         needed[numbers] = True
         has_changed = False
         while missing := self._missing(needed):
             for number in missing:
-                self.table[number] = self._atlas.place(self._textures[number], self._assets)
-                self._has_place[number] = True
+                self._fill(number, self._atlas.place(self._textures[number], self._assets))
             has_changed = True
+        if has_changed:
+            for number in np.flatnonzero(~self._has_place).tolist():
+                if (block := self._atlas.known_place(self._textures[number])) is not None:
+                    self._fill(number, block)
         return has_changed
+
+    def _fill(self, number: int, block: Block) -> None:
+        self.table[number] = block
+        self._has_place[number] = True
 
     def _missing(self, needed: NDArray[np.bool_]) -> list[int]:
         if self._generation != self._atlas.generation:

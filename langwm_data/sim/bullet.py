@@ -4,6 +4,7 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.metadata import version
 from types import ModuleType
 
 
@@ -37,11 +38,21 @@ def import_pybullet() -> ModuleType:
         with quiet():
             import pybullet
     except ImportError as error:
-        version = f"{sys.version_info.major}.{sys.version_info.minor}"
+        python = f"{sys.version_info.major}.{sys.version_info.minor}"
         raise ValueError(
-            f"this needs the package pybullet, which has wheels up to Python 3.11; this is Python {version}"
+            f"this needs the package pybullet, which has wheels up to Python 3.11; this is Python {python}"
         ) from error
     return pybullet
+
+
+def describe_physics() -> str:
+    """What lets things come to rest on this machine: they lie alike where this is the same.
+
+    Raises:
+        ValueError: If it is not installed.
+    """
+    import_pybullet()
+    return f"pybullet {version('pybullet')}"
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from langwm_data.config import LightsConfig, RandomizeConfig
+from langwm_data.config import LightLimits, LightsConfig
 
 Color = tuple[float, float, float]
 Direction = tuple[float, float, float]
@@ -48,12 +48,12 @@ class Lights:
         return {name: [float(v) for v in values] for name, values in dataclasses.asdict(self).items()}
 
 
-def sample_lights(rng: np.random.Generator, config: LightsConfig, randomize: RandomizeConfig) -> Lights:
+def sample_lights(rng: np.random.Generator, config: LightsConfig, limits: LightLimits) -> Lights:
     """Lights around those of ``config``: each with a strength and a warmth of its own."""
     colors: list[Color] = []
     for strength in (config.ambient, config.sun, config.lamp):
-        factor = strength * rng.uniform(*randomize.light_factor)
-        tint = black_body_tint(rng.uniform(*randomize.light_temperature_k))
+        factor = strength * rng.uniform(*limits.light_factor)
+        tint = black_body_tint(rng.uniform(*limits.light_temperature_k))
         colors.append((factor * tint[0], factor * tint[1], factor * tint[2]))
     azimuth, height = rng.uniform(-math.pi, math.pi), rng.uniform(*_SUN_HEIGHT_RAD)
     level = math.cos(height)

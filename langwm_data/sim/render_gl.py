@@ -75,18 +75,18 @@ class GlRenderer:
         surface = np.empty((camera.height, camera.width, 2), np.float32)
         targets.centers.read_into(surface, components=2, dtype="f4", alignment=1)
         faces = surface[..., 1].astype(np.int32)
-        is_seen = np.zeros(len(self._mesh.face_texture), np.bool_)
-        is_seen[faces] = True
-        self._place_textures(is_seen)
+        is_seen = _seen_faces(faces, len(self._mesh.face_texture))
+        self._place_textures(np.flatnonzero(is_seen))
         device.shade(targets, {"atlas": self._picture, "face_table": self._face_table})
         rgb = np.empty((*faces.shape, 3), np.uint8)
         targets.picture.read_into(rgb, components=3, alignment=1)
         if self._config.is_antialiased:
             # Only what some pixel's centre shows can lend its colour to a quarter.
-            self._draw(targets.quarters, self._faces, triangles[is_seen[self._mesh.faces[triangles[:, 0]]]])
+            is_lender = is_seen.take(self._mesh.faces.take(triangles[:, 0]))
+            self._draw(targets.quarters, self._faces, triangles.compress(is_lender, axis=0))
             quarters = find_open_quarters(faces)
             smooth_edges(rgb, faces, quarters, _read_quarters(targets, quarters, faces.shape))
-        return Frame(rgb=rgb, depth=surface[..., 0].copy(), instance=self._mesh.face_instance[faces])
+        return Frame(rgb=rgb, depth=surface[..., 0].copy(), instance=self._mesh.face_instance.take(faces))
 
     def close(self) -> None:
         """Free the scene held; a second call does nothing."""
@@ -102,8 +102,8 @@ class GlRenderer:
             self._indices.write(triangles)
         self._device.draw(target, drawn, len(triangles))
 
-    def _place_textures(self, is_seen: NDArray[np.bool_]) -> None:
-        if self._blocks.fill_seen(self._mesh.face_texture[is_seen]):
+    def _place_textures(self, faces: NDArray[np.intp]) -> None:
+        if self._blocks.fill_seen(self._mesh.face_texture.take(faces)):
             self._face_table.write(_face_table(self._mesh, self._blocks.table, self._config.texture_px))
 
     def _set_camera(self, camera: Camera) -> None:
@@ -121,14 +121,24 @@ class GlRenderer:
         colors["sun_direction"] = lights.sun_direction
 
 
+def _seen_faces(faces: NDArray[np.int32], num: int) -> NDArray[np.bool_]:
+    """Which of ``num`` faces the pixels (H, W) show."""
+    flat = faces.ravel()
+    last_of_run = np.append(np.flatnonzero(flat[1:] != flat[:-1]), flat.size - 1)
+    is_seen = np.zeros(num, np.bool_)
+    is_seen[flat.take(last_of_run)] = True
+    return is_seen
+
+
 def _read_quarters(targets: Targets, quarters: OpenQuarters, shape: tuple[int, ...]) -> NDArray[np.int32]:
     """The faces that quarters of pixels show."""
     height, width = shape
     fine = np.empty((2 * height, 2 * width), np.float32)
     targets.quarters.read_into(fine, components=1, dtype="f4", alignment=1)
-    row, column = np.divmod(quarters.pixel, width)
-    down, across = (QUARTERS[quarters.number].T + 1) // 2
-    return fine[2 * row + down, 2 * column + across].astype(np.int32)
+    first_of_pixel = 2 * quarters.pixel + 2 * width * (quarters.pixel // width)
+    down, across = (QUARTERS.T + 1) // 2
+    step_to_quarter = (down * 2 * width + across)[quarters.number]
+    return fine.take(first_of_pixel + step_to_quarter).astype(np.int32)
 
 
 def _vertex_data(mesh: SceneMesh) -> NDArray[np.float32]:

@@ -29,6 +29,7 @@ from langwm_data.scenes.spec import (
 from langwm_data.sim.asset_mesh import AssetMesh, asset_mesh
 from langwm_data.sim.camera import Camera
 from langwm_data.sim.mesh import Mesh, concatenate, part_mesh
+from langwm_data.sim.screens import Screens, make_screens
 
 LAMP_BELOW_CEILING_M = 0.35
 
@@ -73,18 +74,23 @@ class SceneMesh:
     """(P, 3), of the axis-aligned box around each, metres."""
     piece_half: NDArray[np.float64]
     """(P, 3), half the extent of that box, metres."""
+    screens: Screens
+    """What may hide whole pieces."""
 
     def visible_triangles(self, camera: Camera) -> Ints:
-        """(N, 3): triangles that turn towards the camera, of pieces that reach into its field of view."""
-        eye = np.append(camera.position, 1.0)
-        is_seen = np.repeat(self._pieces_in_view(camera), self.piece_triangles)
-        is_seen &= (self.planes @ eye > 0) | self.is_two_sided
-        return self.triangles[is_seen]
+        """(N, 3): triangles that turn towards the camera, of pieces in its view that no wall hides."""
+        in_view = np.flatnonzero(np.repeat(self._pieces_in_view(camera), self.piece_triangles))
+        is_front = self.planes.take(in_view, axis=0) @ (*camera.position, 1.0) > 0
+        return self.triangles.take(in_view[is_front | self.is_two_sided[in_view]], axis=0)
 
     def _pieces_in_view(self, camera: Camera) -> NDArray[np.bool_]:
         normals, offsets = _frustum_planes(camera)
-        distance = self.piece_center @ normals.T + offsets
-        return np.all(distance + self.piece_half @ np.abs(normals).T > 0, axis=1)
+        distance = normals @ self.piece_center.T + offsets[:, None]
+        is_in_view = np.all(distance + np.abs(normals) @ self.piece_half.T > 0, axis=0)
+        in_view = np.flatnonzero(is_in_view)
+        center, half = self.piece_center.take(in_view, axis=0), self.piece_half.take(in_view, axis=0)
+        is_in_view[in_view] = ~self.screens.hidden(camera, is_in_view, center, half)
+        return is_in_view
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -142,6 +148,7 @@ def _scene_mesh(scene: SceneSpec, assets: Assets) -> SceneMesh:
         piece_triangles=num_triangles,
         piece_center=center,
         piece_half=bounds[:, 1] - center,
+        screens=make_screens(_solid_walls(pieces)),
     )
 
 
@@ -198,6 +205,14 @@ def _mesh_piece(
         tile_m=drawn.face_tile_m * is_own[drawn.face_group],
         is_two_sided=drawn.is_two_sided,
     )
+
+
+def _solid_walls(pieces: list[_Piece]) -> Iterator[tuple[int, PartSpec]]:
+    """Surfaces that are parts, by the number of their piece."""
+    for number, piece in enumerate(pieces):
+        owner = piece.owner
+        if isinstance(owner, SurfaceSpec) and owner.mesh is None and owner.part is not None:
+            yield number, owner.part
 
 
 def _after_background(values: NDArray[Any]) -> NDArray[Any]:

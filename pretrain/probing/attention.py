@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, UInt8
 from torch import Tensor, nn
 
 from pretrain.batch import TextTokens
-from pretrain.mae import LanguageGroundedMAE
+from pretrain.mae import LanguageGroundedMAE, evaluating
 from pretrain.transformer import Attention, Transformer
 
 
@@ -51,14 +51,9 @@ def attend_to_words(
         is_hidden: Pixels behind boxes.
         text: What is said of them.
     """
-    was_training = mae.training
-    mae.eval()
-    try:
+    with evaluating(mae), record_attention(mae.encoder) as layers:
         visual = mae.patchify(rgb.to(mae.device), is_hidden.to(mae.device))
-        with record_attention(mae.encoder) as layers:
-            mae.encode_tokens(visual, text.to(mae.device))
-    finally:
-        mae.train(was_training)
+        mae.encode_tokens(visual, text.to(mae.device))
     weights = torch.stack(layers, dim=1).mean(dim=2).float().cpu().numpy()
     rows, columns = mae.config.grid
     first_word = 1 + rows * columns

@@ -24,6 +24,22 @@ def test_a_failed_write_keeps_the_old_file_and_leaves_nothing_behind(tmp_path):
     assert [p.name for p in path.parent.iterdir()] == ["file.txt"]
 
 
+def test_a_file_is_created_once(tmp_path):
+    assert atomic.create_text(tmp_path / "a/x", "first")
+    assert not atomic.create_text(tmp_path / "a/x", "second")
+    assert (tmp_path / "a/x").read_text() == "first"
+    assert [p.name for p in (tmp_path / "a").iterdir()] == ["x"]
+
+
+def test_a_file_is_created_where_there_are_no_hard_links(tmp_path, monkeypatch):
+    def refuse(*_):
+        raise OSError(errno.EPERM, "no hard links here")
+
+    monkeypatch.setattr("os.link", refuse)
+    assert atomic.create_text(tmp_path / "x", "text")
+    assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("x", "text")]
+
+
 def test_json_refuses_nan_before_touching_the_file(tmp_path):
     with pytest.raises(ValueError, match="Out of range"):
         atomic.write_json(tmp_path / "x.json", {"a": float("nan")})

@@ -10,7 +10,9 @@ from langwm_data import render_dataset
 from langwm_data.baking import open_scenes
 from langwm_data.config import DatasetConfig, ScenesConfig
 from langwm_data.config_io import ConfigError, build_config
+from langwm_data.frames import BakeTask, RenderWorker
 from langwm_data.pipeline import fingerprint
+from langwm_data.shards.manifest import read_manifest
 from langwm_data.shards.scenes import scene_path
 from langwm_data.sim.world import bake_home
 
@@ -64,6 +66,68 @@ def test_a_dataset_made_of_baked_scenes_has_the_same_bytes(folder, tmp_path):
     assert fingerprint(config) == fingerprint(build_config(DatasetConfig, ONE_FRAME))
 
 
+def test_physics_is_part_of_the_fingerprint(monkeypatch):
+    config = build_config(DatasetConfig, ONE_FRAME)
+    before = fingerprint(config)
+    monkeypatch.setattr("langwm_data.baking.describe_physics", lambda: "pybullet 9.9")
+    assert fingerprint(config) != before
+
+
+def test_baked_scenes_keep_the_fingerprint_of_the_physics_that_settled_them(folder, monkeypatch):
+    config = build_config(DatasetConfig, ONE_FRAME | {"scenes": {"baked": str(folder)}})
+    monkeypatch.setattr("langwm_data.baking.describe_physics", lambda: "pybullet 9.9")
+    assert fingerprint(config) == read_manifest(folder).fingerprint
+    assert fingerprint(build_config(DatasetConfig, ONE_FRAME), read_manifest(folder)) == fingerprint(config)
+
+
+def test_a_floor_that_other_physics_would_settle_is_refused(folder, monkeypatch):
+    monkeypatch.setattr("langwm_data.baking.describe_physics", lambda: "pybullet 9.9")
+    library = open_scenes(ScenesConfig(baked=str(folder)))
+    with pytest.raises(
+        ConfigError,
+        match=r"has no scene 'Rowan_0', and its scenes were settled by pybullet \d.*by pybullet 9\.9",
+    ):
+        library.load("Rowan_0")
+
+
+def test_a_dataset_is_rendered_without_a_physics_engine_where_scenes_are_baked(folder, tmp_path):
+    code = f"""
+import sys
+sys.modules["pybullet"] = None
+from langwm_data import render_dataset
+from langwm_data.config import DatasetConfig
+from langwm_data.config_io import ConfigError, build_config
+values = {ONE_FRAME!r}
+try:
+    render_dataset(build_config(DatasetConfig, values), {str(tmp_path / "refused")!r})
+except ConfigError as error:
+    print(error)
+baked = values | {{"scenes": {{"baked": {str(folder)!r}}}}}
+render_dataset(build_config(DatasetConfig, baked), {str(tmp_path / "baked")!r})
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "needs the package pybullet" in done.stdout
+    assert "without it, give scenes.baked, a finished dataset of these scenes" in done.stdout
+    assert not (tmp_path / "refused").exists()
+    mine, theirs = read_manifest(tmp_path / "baked"), read_manifest(folder)
+    assert (mine.fingerprint, mine.physics, mine.shards) == (
+        theirs.fingerprint,
+        theirs.physics,
+        theirs.shards,
+    )
+
+
+def test_a_node_with_other_physics_settles_nothing(tmp_path):
+    config = build_config(DatasetConfig, ONE_FRAME)
+    with (
+        RenderWorker(config, tmp_path) as worker,
+        pytest.raises(
+            ConfigError, match=r"scene 'Alder_0' would be settled by pybullet \d.* by pybullet 9\.9"
+        ),
+    ):
+        worker(BakeTask(scene="Alder_0", physics="pybullet 9.9"), lambda _: None)
+
+
 def test_another_seed_is_refused(folder, name):
     with pytest.raises(
         ConfigError,
@@ -94,3 +158,16 @@ def test_unknown_homes_are_refused(folder):
 def test_names_lead_to_no_other_folder(tmp_path):
     with pytest.raises(ConfigError, match=r"scene name '\.\./secret' is not allowed"):
         scene_path(tmp_path, "../secret")
+
+
+@pytest.mark.parametrize("field", ["furniture", "igibson"])
+def test_folders_without_scenes_are_named_by_their_field(field, tmp_path):
+    with pytest.raises(
+        ConfigError, match=rf"field 'scenes\.{field}': value '{tmp_path}' .*; allowed: a folder with"
+    ):
+        open_scenes(ScenesConfig(**{field: str(tmp_path)}))
+
+
+def test_furniture_is_for_homes():
+    with pytest.raises(ConfigError, match=r"scenes\.furniture 'a' is for homes; it cannot be given with"):
+        ScenesConfig(furniture="a", igibson="b")

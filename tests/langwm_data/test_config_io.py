@@ -1,6 +1,8 @@
 """Strict configuration: what is refused, and in which words."""
 
 import dataclasses
+import shutil
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import field
 
 import pytest
@@ -94,6 +96,29 @@ def test_a_longer_run_may_claim_when_the_length_may_differ(tmp_path):
     claim_output(tmp_path / "run", Outer(steps=1))
     claim_output(tmp_path / "run", Outer(steps=2), may_differ=("steps",))
     assert yaml.safe_load((tmp_path / "run/config.yaml").read_text())["steps"] == 2
+
+
+def test_of_jobs_that_claim_at_once_one_wins_and_the_others_are_told(tmp_path):
+    def claim(steps):
+        try:
+            claim_output(tmp_path / "run", Outer(steps=steps))
+        except ConfigError as error:
+            assert "holds a run of another configuration: steps (" in str(error)  # noqa: PT017
+            return None
+        return steps
+
+    for _ in range(20):
+        with ThreadPoolExecutor(8) as pool:
+            (won,) = {steps for steps in pool.map(claim, [1, 2, 3, 4] * 2) if steps is not None}
+        assert yaml.safe_load((tmp_path / "run/config.yaml").read_text())["steps"] == won
+        assert [p.name for p in (tmp_path / "run").iterdir()] == ["config.yaml"]
+        shutil.rmtree(tmp_path / "run")
+
+
+def test_a_claim_that_was_killed_half_way_keeps_nobody_out(tmp_path):
+    (tmp_path / ".config.yaml.0123abcd.tmp").write_text("ste")
+    claim_output(tmp_path, Outer(steps=2))
+    assert yaml.safe_load((tmp_path / "config.yaml").read_text())["steps"] == 2
 
 
 def test_a_file_and_a_foreign_folder_are_left_alone(tmp_path):

@@ -11,6 +11,7 @@ from langwm_data import ShardDataset, baking, render_dataset
 from langwm_data.baking import open_scenes
 from langwm_data.config import DatasetConfig, ScenesConfig
 from langwm_data.config_io import ConfigError, build_config
+from langwm_data.estimate import estimate
 from langwm_data.redraw import redraw_frames
 from langwm_data.repair import repair_dataset
 from langwm_data.scenes.assets import Assets
@@ -31,6 +32,8 @@ CONFIG = build_config(
 
 class Study:
     """One training floor with two meshes."""
+
+    is_at_rest = False
 
     def __init__(self, scene, assets, identity):
         self.scene, self.assets, self.identity = scene, assets, identity
@@ -97,6 +100,19 @@ def test_it_can_be_drawn_again_where_the_models_are_not(folder, study, tmp_path)
             library.load("Elm_0")
     finally:
         (tmp_path / "gone").rename(study.assets.folders[0])
+
+
+def test_frames_are_not_planned_from_the_floors_of_another_dataset_alone(folder, tmp_path):
+    config = dataclasses.replace(CONFIG, scenes=ScenesConfig(baked=str(folder)))
+    sentence = r"tells of no floors but those that it shows; to render frames, give scenes\.furniture as well"
+    for plan in (lambda: render_dataset(config, tmp_path / "out"), lambda: estimate(config)):
+        with pytest.raises(ConfigError, match=sentence):
+            plan()
+    assert not (tmp_path / "out").exists()
+    both = dataclasses.replace(config.scenes, furniture="somewhere")
+    again = render_dataset(dataclasses.replace(config, scenes=both), tmp_path / "again")
+    for shard in ShardDataset(folder).manifest.shards:
+        assert (again / shard.path).read_bytes() == (folder / shard.path).read_bytes()
 
 
 def test_other_sources_are_refused(folder, study, monkeypatch):

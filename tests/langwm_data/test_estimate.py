@@ -48,6 +48,15 @@ def test_a_plan_is_text_of_one_line_each(plan):
     assert "24 in 3 shards, of 2 floors" in text
 
 
+@pytest.mark.parametrize(
+    ("frames", "said"),
+    [(1000, "10 seconds with 1 worker of"), (100_000, "17 minutes with"), (10_000_000, "27.8 hours with")],
+)
+def test_times_are_said_in_units_that_fit(plan, frames, said):
+    values = {"frames": frames, "workers": 1, "seconds_per_frame": 0.01, "seconds_per_floor": 0.1}
+    assert f"time    {said}" in dataclasses.replace(plan, **values).as_text()
+
+
 def test_a_range_is_planned_alone():
     part = estimate(CONFIG, shards=range(2, 9))
     assert (part.frames, part.shards, part.floors) == (4, 1, 1)

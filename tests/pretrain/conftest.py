@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from langwm_data import atomic
 from langwm_data.config import LabelsConfig
 from langwm_data.labels.captions import TEMPLATES
 from langwm_data.labels.instances import label_frame
@@ -76,13 +77,23 @@ def write_dataset(folder, num_train=12, num_test=8, fingerprint="a"):
     camera = CameraRecord(
         height=HEIGHT, width=WIDTH, K=make_sample("train", 0).meta["camera"]["K"], depth_unit_m=0.001
     )
-    origin = Origin(generator="test", fingerprint=fingerprint, renderer="none", config={}, camera=camera)
+    origin = Origin(
+        generator="test",
+        fingerprint=fingerprint,
+        physics="none",
+        renderer="none",
+        config={},
+        sources={},
+        camera=camera,
+    )
     counts = {"train": num_train, "test": num_test}
     records = [
         write_shard(folder, split, 0, [make_sample(split, n) for n in range(count)])
         for split, count in counts.items()
         if count
     ]
+    for split in counts:
+        atomic.write_text(folder / f"scenes/{split}_0.json", "{}")
     finish_dataset(folder, records, origin)
     return folder
 

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from langwm_data.config_io import ConfigError
 from langwm_data.shards.dataset import ShardDataset
+from langwm_data.shards.sample import decode_fields
 from pretrain.dataset import FrameDataset, batch_numbers, open_split
 
 SIZE = (32, 48)
@@ -24,6 +25,17 @@ def test_frames_equal_the_shards_from_memory_and_from_disk(data_folder, ram_mib,
     assert not batch.has_reward.any()
 
 
+def test_only_colour_and_depth_are_decoded(data_folder, monkeypatch):
+    frames = open_split(data_folder, "train", SIZE, 0)
+    decoded = []
+    monkeypatch.setattr(
+        "langwm_data.shards.dataset.decode_fields",
+        lambda files, key: decoded.extend(files) or decode_fields(files, key),
+    )
+    frames.batch([1, 2])
+    assert decoded == ["rgb.png", "depth.png"] * 2
+
+
 def test_memory_stays_within_its_limit(data_folder):
     shards = ShardDataset(data_folder).select(split="train")
     small = FrameDataset(shards, SIZE, 0)
@@ -36,7 +48,7 @@ def test_memory_stays_within_its_limit(data_folder):
 def test_held_frames_are_not_read_again(data_folder, monkeypatch):
     frames = open_split(data_folder, "train", SIZE, 64)
     frames.batch([1, 2])
-    monkeypatch.setattr(frames, "_shards", None)
+    monkeypatch.setattr(frames, "_images", None)
     assert len(frames.batch([2, 1, 1])) == 3
 
 

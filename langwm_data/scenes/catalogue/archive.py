@@ -7,6 +7,7 @@ grow out of proportion. What the bytes mean is the business of others.
 
 import io
 import stat
+import struct
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -28,7 +29,9 @@ MAX_DEPTH = 1
 
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _ENCRYPTED = 0x1
-_DAMAGE = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, UnicodeDecodeError)
+_DAMAGE = (zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, ValueError, RuntimeError)
+"""What ``zipfile`` raises for damage; the last three where a directory points before the start of the file,
+and where the head of an entry says that it is encrypted."""
 
 
 class ArchiveError(ValueError):

@@ -3,9 +3,9 @@
 import math
 from collections.abc import Sequence
 
-from langwm_data.scenes.furnishing.placement import Placement, RoomState
+from langwm_data.scenes.furnishing.piece import Placement
+from langwm_data.scenes.furnishing.placement import RoomState
 from langwm_data.scenes.furniture import Model
-from langwm_data.scenes.furniture.decor import RUG_HEIGHT
 from langwm_data.scenes.geometry import rects_overlap
 from langwm_data.scenes.taxonomy import CATEGORIES
 
@@ -16,8 +16,12 @@ LOOSE_DROP = 0.004
 def put_on(state: RoomState, support: Placement, category: str, *, spread: float = 0.7) -> bool:
     """Lay something small on top of a piece; ``spread`` is how far out on its surface."""
     is_loose = CATEGORIES[category].is_loose
+    top = support.model.top
+    if top is None:
+        return False
+    x0, y0, x1, y1 = top.rect
     for model in state.style.models(state.rng, category):
-        width, depth = (s * spread for s in support.model.size[:2])
+        width, depth = (x1 - x0) * spread, (y1 - y0) * spread
         reach = max(model.size[:2]) if is_loose else 0.0
         room_x = (width - (reach or model.size[0])) / 2
         room_y = (depth - (reach or model.size[1])) / 2
@@ -26,14 +30,15 @@ def put_on(state: RoomState, support: Placement, category: str, *, spread: float
         for _ in range(8):
             x, y = state.rng.uniform(-1, 1, size=2) * (max(room_x, 0.0), max(room_y, 0.0))
             turn = float(state.rng.uniform(-math.pi, math.pi)) if is_loose else 0.0
-            if state.add(_small(state, model, support, (float(x), float(y)), turn), zones=()):
+            at = (float(x) + (x0 + x1) / 2, float(y) + (y0 + y1) / 2)
+            if state.add(_small(state, model, support, at, turn), zones=()):
                 return True
     return False
 
 
 def put_at(state: RoomState, support: Placement, category: str, at: tuple[float, float]) -> bool:
     """Lay something small on a piece at a point of the piece's own frame."""
-    model = state.style.models(state.rng, category)[0]
+    model = state.style.model(state.rng, category)
     return state.add(_small(state, model, support, at, 0.0), zones=())
 
 
@@ -45,9 +50,10 @@ def _small(
     return Placement(
         model=model,
         room=state.room.name,
-        position=(round(x, 4), round(y, 4), round(support.top + LOOSE_DROP * is_loose, 4)),
+        position=(round(x, 4), round(y, 4), round(support.surface + LOOSE_DROP * is_loose, 4)),
         yaw_rad=round(support.yaw_rad + turn, 4),
         is_fixed=not is_loose,
+        support=support,
     )
 
 
@@ -62,7 +68,7 @@ def put_some_on(state: RoomState, support: Placement | None, categories: Sequenc
 
 def drop(state: RoomState, category: str, *, tries: int = 20) -> bool:
     """Leave something loose on the floor, off the rugs."""
-    model = state.style.models(state.rng, category)[0]
+    model = state.style.model(state.rng, category)
     reach = math.hypot(*model.size[:2]) / 2 + 0.03
     x0, y0, x1, y1 = state.rect
     for _ in range(tries):
@@ -83,8 +89,9 @@ def drop(state: RoomState, category: str, *, tries: int = 20) -> bool:
 
 def hang_ceiling_lamp(state: RoomState, xy: tuple[float, float] | None = None) -> None:
     """A lamp at the ceiling, in the middle of the room unless told otherwise."""
-    model = state.style.models(state.rng, "ceiling_lamp")[0]
-    state.add(state.stand(model, xy or state.center, z=state.height_m - model.size[2]), zones=())
+    for model in state.style.first_choices(state.rng, "ceiling_lamp"):
+        if state.add(state.stand(model, xy or state.center, z=state.height_m - model.size[2]), zones=()):
+            return
 
 
 def hang_pictures(state: RoomState, num: int) -> None:
@@ -121,7 +128,7 @@ def put_rug(
 
 def rug_height(rug: Placement | None) -> float:
     """Where a piece on this rug stands."""
-    return RUG_HEIGHT if rug else 0.0
+    return rug.top if rug else 0.0
 
 
 def put_plants(state: RoomState, num: int) -> None:

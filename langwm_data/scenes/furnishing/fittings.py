@@ -7,7 +7,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
-from langwm_data.scenes.furnishing.placement import WALL_GAP, Placement, RoomState, Wall, Zone
+from langwm_data.scenes.furnishing.piece import Placement
+from langwm_data.scenes.furnishing.placement import WALL_GAP, RoomState, Wall, Zone
 from langwm_data.scenes.furniture import build_model, model_names
 from langwm_data.scenes.furniture.decor import CURTAIN_DROPS
 from langwm_data.scenes.furniture.openings import (
@@ -52,8 +53,8 @@ def dress_windows(plan: FloorPlan, state: RoomState) -> None:
         if state.room.kind not in ("bathroom", "storage_room", "kitchen") and state.coin(0.8):
             _hang_curtains(state, opening, wall, middle)
         if opening.z[0] > 0.75 and state.room.kind != "kitchen" and state.coin(0.6):
-            model = state.style.models(state.rng, "radiator")[0]
-            state.add(state.against(model, wall, middle, gap=WALL_GAP, z=0.0))
+            models = state.style.first_choices(state.rng, "radiator")
+            any(state.add(state.against(model, wall, middle, gap=WALL_GAP, z=0.0)) for model in models)
 
 
 def wall_of(opening: Opening, state: RoomState) -> Wall:

@@ -14,9 +14,12 @@ from langwm_data.scenes.furnishing.common import (
     put_some_on,
     rug_height,
 )
-from langwm_data.scenes.furnishing.placement import Placement, RoomState
+from langwm_data.scenes.furnishing.piece import Placement
+from langwm_data.scenes.furnishing.placement import RoomState
 from langwm_data.scenes.furniture import Model
 
+PUSHED_IN_M = 0.25
+"""More than any chair is pushed under a table."""
 VIEWING_M = (3.0, 2.6, 2.3, 2.0, 1.8)
 """Distances between the fronts of a sofa and of a television, tried in turn."""
 
@@ -65,9 +68,12 @@ def put_dining_group(state: RoomState, *, prefer_center: bool, max_width: float 
     table = _put_table(state, prefer_center=prefer_center, max_width=max_width)
     if table is None:
         return None
-    chair = state.style.models(state.rng, "chair")[0]
+    chair = state.style.model(state.rng, "chair")
     for xy, yaw in _seats(state, table, chair):
-        state.add(state.stand(chair, xy, yaw), zones=("doorway",))
+        pushed_in = state.stand(chair, xy, yaw)
+        if not state.add(pushed_in, zones=("doorway",)) and chair.mesh:
+            # The arms of some do not go under the table.
+            state.add(state.stand(chair, pushed_in.local(0.0, -PUSHED_IN_M), yaw), zones=("doorway",))
     put_some_on(state, table, ("vase", "bowl", "cup", "bottle", "cup"), 3)
     return table
 
@@ -100,7 +106,7 @@ def _seats(state: RoomState, table: Placement, chair: Model) -> list[tuple[tuple
     """Where chairs stand, pushed in more or less, and where they face."""
     w, d, _ = table.model.size
     seats = []
-    if abs(w - d) < 1e-6 and len(table.model.parts) == 3:
+    if table.model.is_round:
         start = float(state.rng.choice([0.0, math.pi / 4]))
         for i in range(4):
             turn = start + i * math.pi / 2
@@ -124,7 +130,7 @@ def _put_sofa_and_tv(state: RoomState) -> tuple[Placement, Placement] | None:
             for stand in state.wall_placements(stand_model, prefer="center"):
                 if not tvs or not state.fits(stand):
                     continue
-                tv = state.stand(tvs[0], stand.local(0.0, -0.02), stand.yaw_rad, z=stand.top)
+                tv = state.stand(tvs[0], stand.local(0.0, -0.02), stand.yaw_rad, on=stand)
                 for sofa in _sofas_before(state, stand, sofa_model):
                     if state.add(stand, tv, sofa):
                         return stand, sofa
@@ -146,21 +152,22 @@ def _sofas_before(state: RoomState, stand: Placement, model: Model) -> list[Plac
 
 def _put_between(state: RoomState, stand: Placement, sofa: Placement) -> None:
     """Rug and coffee table before the sofa; an armchair or a pouf beside them."""
-    table_model = state.style.models(state.rng, "coffee_table")[0]
-    distance = sofa.model.size[1] / 2 + 0.4 + table_model.size[1] / 2
-    middle = sofa.local(0.0, distance)
+    tables = list(state.style.first_choices(state.rng, "coffee_table"))
     rug = (
         put_rug(state, sofa.local(0.0, sofa.model.size[1] / 2 + 0.62), sofa.yaw_rad)
         if state.coin(0.8)
         else None
     )
-    z = rug_height(rug)
-    table = state.stand(table_model, middle, sofa.yaw_rad, z=z)
-    if rug and not _is_on(table, rug):
-        state.placements.remove(rug)
-        table = state.stand(table_model, middle, sofa.yaw_rad)
-    if state.add(table):
-        put_some_on(state, table, ("book", "cup", "bowl", "vase"), 2)
+    for model in tables:
+        middle = sofa.local(0.0, sofa.model.size[1] / 2 + 0.4 + model.size[1] / 2)
+        table = state.stand(model, middle, sofa.yaw_rad, z=rug_height(rug))
+        if rug and not _is_on(table, rug):
+            state.placements.remove(rug)
+            rug = None
+            table = state.stand(model, middle, sofa.yaw_rad)
+        if state.add(table):
+            put_some_on(state, table, ("book", "cup", "bowl", "vase"), 2)
+            break
     for side in (-1, 1) if state.coin(0.5) else (1, -1):
         if state.coin(0.75):
             _put_side_seat(state, sofa, side, "armchair" if state.coin(0.8) else "pouf")
@@ -173,9 +180,9 @@ def _is_on(piece: Placement, rug: Placement) -> bool:
 
 
 def _put_side_seat(state: RoomState, sofa: Placement, side: int, category: str) -> None:
-    model = state.style.models(state.rng, category)[0]
-    for out in (0.35, 0.55, 0.15):
-        for ahead in (0.75, 1.0, 0.5):
+    places = [(out, ahead) for out in (0.35, 0.55, 0.15) for ahead in (0.75, 1.0, 0.5)]
+    for model in state.style.first_choices(state.rng, category):
+        for out, ahead in places:
             at = sofa.local(
                 side * (sofa.model.size[0] / 2 + model.size[1] / 2 + out - 0.3),
                 sofa.model.size[1] / 2 + ahead,
@@ -192,9 +199,11 @@ def _put_beside_sofa(state: RoomState, sofa: Placement) -> None:
     for side, category in zip(sides, ("side_table", "floor_lamp"), strict=True):
         if not state.coin(0.75):
             continue
-        model = state.style.models(state.rng, category)[0]
-        at = sofa.local(side * (w / 2 + model.size[0] / 2 + 0.04), -d / 2 + model.size[1] / 2)
-        piece = state.stand(model, at, sofa.yaw_rad)
-        if state.add(piece) and category == "side_table":
-            put_on(state, piece, "table_lamp", spread=0.95)
-            put_some_on(state, piece, ("cup", "book"), 1)
+        for model in state.style.first_choices(state.rng, category):
+            at = sofa.local(side * (w / 2 + model.size[0] / 2 + 0.04), -d / 2 + model.size[1] / 2)
+            piece = state.stand(model, at, sofa.yaw_rad)
+            if state.add(piece):
+                if category == "side_table":
+                    put_on(state, piece, "table_lamp", spread=0.95)
+                    put_some_on(state, piece, ("cup", "book"), 1)
+                break

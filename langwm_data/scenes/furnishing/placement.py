@@ -7,17 +7,17 @@ window, or cut a part of the room off from its doorways.
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from langwm_data.scenes.furnishing.piece import Placement
 from langwm_data.scenes.furnishing.style import HomeStyle
 from langwm_data.scenes.furniture import Model
-from langwm_data.scenes.geometry import Boxes, rects_overlap, yaw_quat
-from langwm_data.scenes.spec import Quat, Rect, RoomSpec, Vec3
+from langwm_data.scenes.geometry import rects_overlap
+from langwm_data.scenes.spec import Rect, RoomSpec
 
 Wall = Literal["south", "east", "north", "west"]
 WALLS: tuple[Wall, ...] = ("south", "east", "north", "west")
@@ -33,57 +33,12 @@ PASSAGE_RADIUS = 0.26
 FLAT_M = 0.02
 """What is lower, such as a rug, is walked and driven over."""
 _CELL = 0.1
+_REST_M = 0.004
+"""How deep what lies on a piece may reach into it before it settles."""
 _TUCKS = {("chair", "dining_table"), ("chair", "desk"), ("office_chair", "desk")}
 """Pairs of which the first may stand under the second; their parts decide."""
 _ROW = {"kitchen_cabinet", "kitchen_sink", "stove", "dishwasher", "fridge", "wall_cabinet", "range_hood"}
 """Pieces that stand side by side without a gap."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Placement:
-    """A model that stands somewhere."""
-
-    model: Model
-    room: str
-    position: Vec3
-    yaw_rad: float = 0.0
-    is_fixed: bool = True
-
-    @property
-    def orientation(self) -> Quat:
-        """Quaternion x, y, z, w."""
-        return yaw_quat(self.yaw_rad)
-
-    @cached_property
-    def bounds(self) -> NDArray[np.float64]:
-        """(2, 3): the axis-aligned box around it."""
-        c, s = abs(math.cos(self.yaw_rad)), abs(math.sin(self.yaw_rad))
-        w, d, h = self.model.size
-        reach = np.array([(w * c + d * s) / 2, (w * s + d * c) / 2])
-        xy = np.array(self.position[:2])
-        z = self.position[2]
-        return np.array([[*(xy - reach), z], [*(xy + reach), z + h]]).round(6)
-
-    @property
-    def footprint(self) -> Rect:
-        """The box seen from above."""
-        (x0, y0, _), (x1, y1, _) = self.bounds.tolist()
-        return (x0, y0, x1, y1)
-
-    @cached_property
-    def boxes(self) -> Boxes:
-        """Its parts in the world."""
-        return Boxes.of_parts((self.position, self.orientation, part) for part in self.model.parts)
-
-    @property
-    def top(self) -> float:
-        """Height of its highest point."""
-        return float(self.bounds[1, 2])
-
-    def local(self, x: float, y: float) -> tuple[float, float]:
-        """A point of the model's own frame in the world."""
-        c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
-        return (self.position[0] + c * x - s * y, self.position[1] + s * x + c * y)
 
 
 ZoneKind = Literal["doorway", "window", "front"]
@@ -144,11 +99,18 @@ class RoomState:
         return [p for p in self.placements if p.model.category == category]
 
     def stand(
-        self, model: Model, xy: tuple[float, float], yaw_rad: float = 0.0, *, z: float = 0.0
+        self,
+        model: Model,
+        xy: tuple[float, float],
+        yaw_rad: float = 0.0,
+        *,
+        z: float = 0.0,
+        on: Placement | None = None,
     ) -> Placement:
-        """A placement in this room, not yet added."""
+        """A placement in this room, not yet added: at a height, or on another piece."""
+        z = (z if on is None else on.surface) + model.elevation_m
         position = (round(xy[0], 4), round(xy[1], 4), round(z, 4))
-        return Placement(model=model, room=self.room.name, position=position, yaw_rad=yaw_rad)
+        return Placement(model=model, room=self.room.name, position=position, yaw_rad=yaw_rad, support=on)
 
     def wall_span(self, wall: Wall) -> tuple[float, float]:
         """From where to where a wall runs, along x or y."""
@@ -189,6 +151,8 @@ class RoomState:
         e = 1e-5
         if new.bounds[0, 2] >= other.top - e or other.bounds[0, 2] >= new.top - e:
             return False
+        if new.support is other:
+            return bool(new.boxes.overlap(other.boxes, tolerance_m=_REST_M).any())
         if (new.model.category, other.model.category) in _TUCKS:
             return bool(new.boxes.overlap(other.boxes, tolerance_m=-0.004).any())
         gap = 0.0 if {new.model.category, other.model.category} <= _ROW else GAP

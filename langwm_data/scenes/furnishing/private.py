@@ -12,7 +12,8 @@ from langwm_data.scenes.furnishing.common import (
     put_rug,
     put_some_on,
 )
-from langwm_data.scenes.furnishing.placement import Placement, RoomState
+from langwm_data.scenes.furnishing.piece import Placement
+from langwm_data.scenes.furnishing.placement import RoomState
 
 
 def furnish_bedroom(state: RoomState) -> None:
@@ -44,12 +45,13 @@ def furnish_bedroom(state: RoomState) -> None:
 
 
 def _put_bed(state: RoomState) -> Placement | None:
-    """The widest bed that goes in with a nightstand on each side, or one, or none."""
-    beds = sorted(state.style.models(state.rng, "bed"), key=lambda m: -m.size[0])
+    """The widest bed that goes in with a nightstand on each side, or one, or none; any of a catalogue."""
+    models = list(state.style.models(state.rng, "bed"))
+    beds = sorted((m for m in models if m.mesh is None), key=lambda m: -m.size[0])
     if state.coin(0.3):
         beds.reverse()
-    stand = state.style.models(state.rng, "nightstand")[0]
-    for model in beds:
+    stand = state.style.model(state.rng, "nightstand")
+    for model in [m for m in models if m.mesh] + beds:
         for sides in ((-1, 1), (-1,), (1,), ()):
             for bed in state.wall_placements(model, prefer="center" if len(sides) == 2 else "corner"):
                 stands = [
@@ -74,9 +76,10 @@ def _put_bed(state: RoomState) -> Placement | None:
 
 def _put_at_foot_end(state: RoomState, bed: Placement) -> None:
     if state.coin(0.35):
-        model = state.style.models(state.rng, "chest" if state.coin(0.5) else "bench")[0]
-        at = bed.local(0.0, (bed.model.size[1] + model.size[1]) / 2 + 0.05)
-        state.add(state.stand(model, at, bed.yaw_rad))
+        for model in state.style.first_choices(state.rng, "chest" if state.coin(0.5) else "bench"):
+            at = bed.local(0.0, (bed.model.size[1] + model.size[1]) / 2 + 0.05)
+            if state.add(state.stand(model, at, bed.yaw_rad)):
+                break
     if state.coin(0.7):
         for side in (-1, 1):
             at = bed.local(side * (bed.model.size[0] / 2 + 0.42), 0.35)
@@ -135,10 +138,10 @@ def put_work_place(state: RoomState) -> Placement | None:
     if desk is None:
         return None
     d = desk.model.size[1]
-    screen = state.style.models(state.rng, "monitor")[0]
-    state.add(state.stand(screen, desk.local(0.0, -d / 2 + 0.14), desk.yaw_rad, z=desk.top), zones=())
-    keys = state.style.models(state.rng, "keyboard")[0]
-    state.add(state.stand(keys, desk.local(0.0, d / 2 - 0.16), desk.yaw_rad, z=desk.top), zones=())
+    screen = state.style.model(state.rng, "monitor")
+    state.add(state.stand(screen, desk.local(0.0, -d / 2 + 0.14), desk.yaw_rad, on=desk), zones=())
+    keys = state.style.model(state.rng, "keyboard")
+    state.add(state.stand(keys, desk.local(0.0, d / 2 - 0.16), desk.yaw_rad, on=desk), zones=())
     category = "office_chair" if state.coin(0.75) else "chair"
     for model in state.style.models(state.rng, category):
         for x in (0.0, 0.12, -0.12):

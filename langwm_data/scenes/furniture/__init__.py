@@ -15,11 +15,11 @@ from langwm_data.scenes.furniture import (
     storage,
     tables,
 )
-from langwm_data.scenes.furniture.model import Builder, Model
+from langwm_data.scenes.furniture.model import Builder, Model, Top
 from langwm_data.scenes.taxonomy import CATEGORIES
 from langwm_data.seeding import make_rng
 
-__all__ = ["Model", "build_model", "model_names"]
+__all__ = ["Model", "Top", "build_model", "model_names"]
 
 _RECIPES = (
     seating.RECIPES

@@ -11,7 +11,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from langwm_data.scenes.geometry import Boxes, axis_quat
-from langwm_data.scenes.spec import IDENTITY, MaterialSlot, PartSpec, Quat, Shape, Vec3
+from langwm_data.scenes.spec import (
+    IDENTITY,
+    MaterialSlot,
+    MeshSpec,
+    ModelRecord,
+    PartSpec,
+    Quat,
+    Rect,
+    Shape,
+    Vec3,
+)
 
 WOODEN = ("wood", "planks")
 BOARD = ("wood", "planks", "paint", "plastic")
@@ -24,6 +34,15 @@ STONE_TOP = ("marble", "terrazzo", "wood", "concrete")
 
 
 @dataclass(frozen=True, kw_only=True)
+class Top:
+    """Where small things can be put on a model."""
+
+    height: float
+    rect: Rect
+    """x0, y0, x1, y1 in the model's own frame."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Model:
     """One variant of a category, before it stands anywhere."""
 
@@ -33,6 +52,18 @@ class Model:
     parts: tuple[PartSpec, ...]
     """``slot`` counts within ``slots``."""
     slots: tuple[MaterialSlot, ...]
+    top: Top | None = None
+    """None where nothing can be put."""
+    elevation_m: float = 0.0
+    """How far above the place that it is given it hangs."""
+    is_round: bool = False
+    """Whether people sit all around it."""
+    mesh: MeshSpec | None = None
+    """What is drawn instead of the parts."""
+    phrase: str = ""
+    """The noun for it, empty for that of its category."""
+    record: ModelRecord | None = None
+    """Who made it, if it is not of our own making."""
 
 
 class Builder:
@@ -100,7 +131,12 @@ class Builder:
             for p in self._parts
         )
         slots = tuple(self._slots[i] for i in used)
-        return Model(name=name, category=category, size=_vec3(high - low), parts=parts, slots=slots)
+        size = _vec3(high - low)
+        top = Top(height=size[2], rect=(-size[0] / 2, -size[1] / 2, size[0] / 2, size[1] / 2))
+        is_round = abs(size[0] - size[1]) < 1e-6 and len(parts) == 3
+        return Model(
+            name=name, category=category, size=size, parts=parts, slots=slots, top=top, is_round=is_round
+        )
 
     def _add(
         self,

@@ -9,6 +9,7 @@ so no file grows when it is read.
 import hashlib
 import io
 import re
+import struct
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,9 @@ _ARRAYS = {
     "texture_of": (np.int32, None),
 }
 """Type and width of every array; None for flat ones."""
+
+_DAMAGE = (zipfile.BadZipFile, struct.error, EOFError, OSError, ValueError, RuntimeError)
+"""What ``zipfile`` raises for damage."""
 
 
 def encode_mesh(mesh: TriangleMesh) -> bytes:
@@ -108,14 +112,14 @@ def decode_mesh(data: bytes) -> TriangleMesh:
     Raises:
         ValueError: If the bytes are no sound mesh; the message is the end of a sentence.
     """
+    entries = _entries(data)
     try:
-        entries = _entries(data)
         arrays = {name: _array(entries[name], *kind) for name, kind in _ARRAYS.items()}
         textures = [
             _array(entries[f"texture_{i}"], np.uint8, None).tobytes()
             for i in range(len(entries) - len(_ARRAYS))
         ]
-    except (zipfile.BadZipFile, KeyError, EOFError, SyntaxError, NotImplementedError) as error:
+    except (KeyError, EOFError, SyntaxError) as error:
         raise ValueError(f"no mesh: {error}") from error
     mesh = TriangleMesh(
         vertices=arrays["vertices"],
@@ -134,7 +138,11 @@ def decode_mesh(data: bytes) -> TriangleMesh:
 
 
 def _entries(data: bytes) -> dict[str, bytes]:
-    with zipfile.ZipFile(io.BytesIO(data)) as file:
+    try:
+        file = zipfile.ZipFile(io.BytesIO(data))
+    except _DAMAGE as error:
+        raise ValueError(f"no mesh: {error}") from error
+    with file:
         infos = file.infolist()
         most = len(_ARRAYS) + MAX_MATERIALS
         if len(infos) > most:
@@ -144,7 +152,10 @@ def _entries(data: bytes) -> dict[str, bytes]:
             data
         ):
             raise ValueError("has arrays that are compressed or larger than the file")
-        return {i.filename.removesuffix(".npy"): file.read(i) for i in infos}
+        try:
+            return {i.filename.removesuffix(".npy"): file.read(i) for i in infos}
+        except _DAMAGE as error:
+            raise ValueError(f"no mesh: {error}") from error
 
 
 def _array(data: bytes, dtype: type[np.generic], width: int | None) -> NDArray[Any]:

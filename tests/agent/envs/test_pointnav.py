@@ -8,13 +8,15 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import agent  # noqa: F401  # registers the environment
-from agent.config import EnvConfig
+from agent.config import EnvConfig, EpisodeRandomizeConfig
 from agent.envs.episodes import Episode
 from agent.envs.pointnav import PointNavEnv
 from agent.rollout import Collector
 from langwm_data.config import CameraConfig, RenderConfig
+from langwm_data.config_io import ConfigError
 from langwm_data.scenes.splits import HELD_OUT_TEXTURE_IDS
 from langwm_data.sim.bullet import import_pybullet
+from langwm_data.sim.lights import Lights
 
 AHEAD, BACK, LEFT = (np.array(a, np.float32) for a in ([1, 0], [-1, 0], [0, 1]))
 SMALL = EnvConfig(
@@ -261,6 +263,43 @@ def test_every_episode_has_its_own_textures(env):
     first = env.palette
     env.reset()
     assert env.palette != first
+
+
+def test_lights_stay_as_configured_unless_asked_for(env):
+    bright = Lights.of(SMALL.render.lights)
+    for seed in (1, 2):
+        _, info = play(env, (1.0, 1.5), 0.0, (3.0, 1.5), palette_seed=seed)
+        assert env.lights == bright
+        np.testing.assert_array_equal(info["lights"], list(bright.describe().values()))
+
+
+def test_every_episode_has_its_own_lights_and_replays_them(empty_scene):
+    lit = PointNavEnv(config(randomize=EpisodeRandomizeConfig(lights="episode")), scenes=[empty_scene])
+    seen = {}
+    for seed in (1, 2, 1):
+        obs, info = play(lit, (1.0, 1.5), 0.0, (3.0, 1.5), palette_seed=seed)
+        again = seen.setdefault(seed, (lit.lights, obs["rgb"], info["lights"]))
+        assert lit.lights == again[0]
+        np.testing.assert_array_equal(obs["rgb"], again[1])
+        np.testing.assert_array_equal(lit.step(AHEAD)[4]["lights"], again[2])
+    lit.close()
+    assert seen[1][0] != seen[2][0]
+    assert not np.array_equal(seen[1][1], seen[2][1])
+
+
+def test_drawn_lights_change_the_picture_and_nothing_else(env, empty_scene):
+    lit = PointNavEnv(config(randomize=EpisodeRandomizeConfig(lights="episode")), scenes=[empty_scene])
+    ours, theirs = (play(e, (1.0, 1.5), 0.0, (3.0, 1.5), palette_seed=3)[0] for e in (lit, env))
+    lit.close()
+    assert not np.array_equal(ours["rgb"], theirs["rgb"])
+    np.testing.assert_array_equal(ours["depth"], theirs["depth"])
+    np.testing.assert_array_equal(ours["task"], theirs["task"])
+    assert lit.palette == env.palette
+
+
+def test_lights_that_the_renderer_does_not_have_are_refused():
+    with pytest.raises(ConfigError, match=r"env\.randomize\.lights episode needs env\.render\.backend auto"):
+        config(render=RenderConfig(backend="tiny"), randomize=EpisodeRandomizeConfig(lights="episode"))
 
 
 def test_test_episodes_show_held_out_textures_only(empty_scene):

@@ -5,21 +5,22 @@ import numpy as np
 import pytest
 
 from langwm_data.labels.semantic import CATEGORY_IDS, semantic_mask
-from langwm_data.scenes.taxonomy import CATEGORIES, STRUCTURE
+from langwm_data.scenes.taxonomy import CATEGORIES, FOREIGN_CATEGORIES, STRUCTURE
 
-ISSUED = 68
+ISSUED = 86
 """Categories that stand in files of others. Raise it, and the digest, when one is added at the end."""
-DIGEST = "a041e5ecf0ce5a69"
+DIGEST = "ec4c7e8ea06d0793"
 
 
 def test_every_category_has_one_number():
-    assert set(CATEGORY_IDS) == {*STRUCTURE, *CATEGORIES}
+    assert set(CATEGORY_IDS) == {*STRUCTURE, *CATEGORIES, *FOREIGN_CATEGORIES}
     assert sorted(CATEGORY_IDS.values()) == list(range(1, len(CATEGORY_IDS) + 1))
 
 
 def test_numbers_once_given_stay():
     issued = {name: number for name, number in CATEGORY_IDS.items() if number <= ISSUED}
-    assert (issued["wall"], issued["chair"], issued["bed"], issued["shoe"]) == (1, 4, 11, ISSUED)
+    assert (issued["wall"], issued["chair"], issued["bed"], issued["shoe"]) == (1, 4, 11, 68)
+    assert (issued["basket"], issued["other_object"]) == (69, ISSUED)
     assert hashlib.sha256(json.dumps(issued, sort_keys=True).encode()).hexdigest()[:16] == DIGEST
 
 

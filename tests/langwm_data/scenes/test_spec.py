@@ -3,10 +3,12 @@
 import dataclasses
 import json
 
+import numpy as np
 import pytest
 
 from langwm_data.scenes.spec import (
     IDENTITY,
+    FloorMap,
     MaterialRef,
     MaterialSlot,
     ObjectSpec,
@@ -93,3 +95,14 @@ def test_foreign_documents_are_refused(change, message):
         SceneSpec.from_json(text)
     with pytest.raises(ValueError, match="not a scene"):
         SceneSpec.from_json("{")
+
+
+def test_a_floor_map_answers_as_the_mask_that_it_was_made_of():
+    mask = np.random.default_rng(0).random((30, 20)) < 0.6
+    floor = FloorMap.of_mask(mask, origin=(-1.5, 2.0), resolution_m=0.1)
+    again = SceneSpec.from_json(dataclasses.replace(make_scene(), floor_map=floor).to_json()).floor_map
+    assert again == floor
+    centers = (np.stack(np.indices(mask.shape), axis=-1) + 0.5) * 0.1 + (-1.5, 2.0)
+    np.testing.assert_array_equal(again.free_at(centers), mask)
+    outside = np.array([(-1.51, 2.5), (1.51, 2.5), (0.0, 1.99), (0.0, 4.01)])
+    assert not again.free_at(outside).any()

@@ -10,8 +10,10 @@ from langwm_data.scenes.splits import (
     BUILDINGS,
     CATALOGUE_SIZES,
     HELD_OUT_TEXTURE_IDS,
+    IGIBSON_BUILDINGS,
     MATERIAL_CATEGORIES,
     check_palette,
+    is_for,
     sample_palette,
     split_of_scene,
     texture_ids,
@@ -43,6 +45,28 @@ def test_buildings_have_the_shape_of_table_4():
         split: [b.floors for b in BUILDINGS.values() if b.split == split] for split in ("train", "test")
     }
     assert floors == {"train": [2, 3, 2, 3, 2], "test": [2, 1]}
+
+
+def test_buildings_of_igibson_are_those_of_table_4():
+    names = [f"{b}_{i}" for b, building in IGIBSON_BUILDINGS.items() for i in range(building.floors)]
+    assert len(names) == 15
+    assert {n for n in names if split_of_scene(n, IGIBSON_BUILDINGS) == "test"} == {
+        "Ihlen_0",
+        "Ihlen_1",
+        "Rs_0",
+    }
+    assert not IGIBSON_BUILDINGS.keys() & BUILDINGS.keys()
+
+
+def test_pictures_are_for_one_split_unless_nothing_of_their_category_is_held_out():
+    pictures = tuple(
+        MaterialRef(category=c, id=i, picture="0" * 64) for c, i in (("wood", 5), ("wood", 99), ("paper", 1))
+    )
+    assert [is_for(m, "train") for m in pictures] == [False, True, True]
+    assert [is_for(m, "test") for m in pictures] == [True, False, True]
+    slots = (MaterialSlot(name="a", categories=("wood", "paper")),) * 30
+    drawn = set(sample_palette(np.random.default_rng(0), slots, "train", pictures))
+    assert drawn == {pictures[1], pictures[2]}
 
 
 def test_table_5_holds_out_49_ids_in_22_categories():

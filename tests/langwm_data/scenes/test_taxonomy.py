@@ -1,6 +1,14 @@
 import pytest
 
-from langwm_data.scenes.taxonomy import CATEGORIES, STRUCTURE, is_nameable, is_structure, phrase
+from langwm_data.scenes.taxonomy import (
+    CATEGORIES,
+    FOREIGN_CATEGORIES,
+    STRUCTURE,
+    UNKNOWN,
+    is_nameable,
+    is_structure,
+    phrase,
+)
 
 
 def test_there_are_at_least_twenty_five_categories_named_in_snake_case():
@@ -19,8 +27,16 @@ def test_structure_is_not_furniture():
     assert not any(is_structure(c) for c in CATEGORIES)
 
 
+def test_what_scenes_of_others_bring_has_names_of_its_own():
+    assert not FOREIGN_CATEGORIES.keys() & {*STRUCTURE, *CATEGORIES}
+    assert phrase("pool_table") == "pool table"
+    assert UNKNOWN in FOREIGN_CATEGORIES
+    assert all(is_nameable(c) and not is_structure(c) for c in FOREIGN_CATEGORIES)
+
+
 def test_an_unknown_category_is_refused_by_name():
-    with pytest.raises(ValueError, match=r"category 'spaceship' is unknown; allowed: wall, .*chair"):
+    message = r"category 'spaceship' is unknown; allowed: wall, .*chair.*pool_table"
+    with pytest.raises(ValueError, match=message):
         phrase("spaceship")
 
 

@@ -5,6 +5,7 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
+from langwm_data import atomic
 from langwm_data.config import LabelsConfig
 from langwm_data.labels.instances import label_frame
 from langwm_data.scenes.spec import InstanceName
@@ -82,8 +83,16 @@ def make_dataset(folder):
             start += size
     camera = CameraRecord(height=HEIGHT, width=WIDTH, K=K, depth_unit_m=0.001)
     origin = Origin(
-        generator="langwm 0", fingerprint="0" * 64, renderer="none", config={"frames": 15}, camera=camera
+        generator="langwm 0",
+        fingerprint="0" * 64,
+        physics="none",
+        renderer="none",
+        config={"frames": 15},
+        sources={},
+        camera=camera,
     )
+    for scene in ("Alder_0", "Rowan_0"):
+        atomic.write_text(folder / f"scenes/{scene}.json", "{}")
     finish_dataset(folder, records, origin)
     return folder
 

@@ -15,7 +15,7 @@ from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
 import cli
-from langwm_data import ShardDataset
+from langwm_data import ShardDataset, atomic
 from langwm_data.config import LabelsConfig
 from langwm_data.config_io import ConfigError
 from langwm_data.labels.instances import label_frame
@@ -103,7 +103,17 @@ def dataset(tmp_path_factory):
         write_shard(folder, split, n, (make_sample(split, i) for i in frames)) for split, n, frames in shards
     ]
     camera = CameraRecord(height=HEIGHT, width=WIDTH, K=K, depth_unit_m=0.001)
-    origin = Origin(generator="langwm 0", fingerprint="1" * 64, renderer="none", config={}, camera=camera)
+    origin = Origin(
+        generator="langwm 0",
+        fingerprint="1" * 64,
+        physics="none",
+        renderer="none",
+        config={},
+        sources={},
+        camera=camera,
+    )
+    for scene in ("Alder_0", "Rowan_0"):
+        atomic.write_text(folder / f"scenes/{scene}.json", "{}")
     finish_dataset(folder, records, origin)
     return ShardDataset(folder)
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from langwm_data.shards.writer import TarWriter, complete_shard, sha256_of, write_shard
+from langwm_data.shards.writer import TarWriter, complete_shard, make_header, sha256_of, write_shard
 
 
 @settings(max_examples=40)
@@ -24,6 +24,13 @@ def test_python_reads_the_tar_and_offsets_are_right(contents):
         assert {(m.mtime, m.uid, m.gid, m.uname, m.gname) for m in members} == {(0, 0, 0, "", "")}
     for (offset, size), data in zip(places, contents, strict=True):
         assert buffer.getvalue()[offset : offset + size] == data
+
+
+@given(st.from_regex(r"[A-Za-z0-9_.-]{1,100}", fullmatch=True), st.integers(0, 8**11 - 1))
+def test_headers_are_those_of_tarfile(name, size):
+    info = tarfile.TarInfo(name)
+    info.size, info.mode = size, 0o444
+    assert make_header(name, size) == info.tobuf(tarfile.USTAR_FORMAT)
 
 
 def test_gnu_tar_lists_the_files_of_a_sample_together(folder):

@@ -96,3 +96,64 @@ def write_catalogue(tmp_path):
 def nest():
     """The bytes of an archive with a step under each of the names."""
     return lambda *names: zip_bytes(dict.fromkeys(names, STEP_OBJ))
+
+
+# A box of one metre, standing on the floor.
+BOX_OBJ = """
+v 0 0 0
+v 1 0 0
+v 1 0 1
+v 0 0 1
+v 0 1 0
+v 1 1 0
+v 1 1 1
+v 0 1 1
+f 1 2 3 4
+f 5 8 7 6
+f 1 5 6 2
+f 2 6 7 3
+f 3 7 8 4
+f 4 8 5 1
+"""
+
+FURNITURE = {
+    # name: group, and width, depth, height of each model in centimetres
+    "Bed": ("Bedroom", (160, 205, 80), (95, 200, 70), (140, 205, 90)),
+    "Chair": ("Living room", (42, 45, 90), (45, 50, 88), (44, 44, 95)),
+    "Wooden alder table": ("Office", (140, 85, 75), (160, 90, 75)),
+    "Bedside table": ("Bedroom", (45, 40, 50), (50, 42, 48)),
+    "Burlap sofa": ("Living room", (180, 85, 85), (200, 90, 80)),
+    "Cup": ("Kitchen", (9, 9, 10), (8, 8, 9)),
+    "Washbasin": (
+        "Bathroom",
+        (60, 50, 40),
+    ),
+}
+
+
+@pytest.fixture
+def furnish(write_catalogue):
+    """Writes a catalogue of boxes with the sizes of furniture; every model is a file of its own."""
+
+    def write(**shared):
+        models, files = [], {}
+        for name, (group, *sizes) in FURNITURE.items():
+            for width, depth, height in sizes:
+                number = len(models) + 1
+                path = f"model{number}/box.obj"
+                files[path] = f"{BOX_OBJ}# {number}\n"
+                models.append(
+                    {"name": name, "category": group, "model": f"/{path}"}
+                    | {"width": width, "depth": depth, "height": height}
+                    | ({"elevation": 45} if name == "Washbasin" else {})
+                )
+        return write_catalogue(*models, files=files, **shared)
+
+    return write
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path, monkeypatch):
+    """A cache folder of the test's own."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path / "cache" / "langwm"

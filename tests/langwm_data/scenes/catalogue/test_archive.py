@@ -106,6 +106,28 @@ def test_damage_is_noticed(tmp_path):
         opened.read("a.txt")
 
 
+def test_whatever_is_changed_is_read_or_refused_in_a_sentence(tmp_path):
+    good = write_zip(
+        tmp_path / "good.sh3f", ("a.txt", b"1234567890"), ("b/c.obj", b"v 0 0 0\n" * 20)
+    ).read_bytes()
+    refused = 0
+    for place in range(len(good)):
+        for damaged in (
+            good[:place] + bytes([good[place] ^ 1 << place % 8]) + good[place + 1 :],
+            good[:place],
+        ):
+            path = tmp_path / "hurt.sh3f"
+            path.write_bytes(damaged)
+            try:
+                with open_archive(path) as opened:
+                    for name in opened.names():
+                        opened.read(name)
+            except ArchiveError as error:
+                assert str(error).startswith("hurt.sh3f: ")  # noqa: PT017
+                refused += 1
+    assert refused > len(good)
+
+
 def test_encrypted_entries_and_odd_methods_are_refused(tmp_path):
     path = write_zip(tmp_path / "locked.sh3f", ("a.txt", b"1"))
     data = bytearray(path.read_bytes())

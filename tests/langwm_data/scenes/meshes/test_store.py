@@ -136,6 +136,20 @@ def test_files_that_are_no_sound_mesh_are_refused(tmp_path, mesh, name, change, 
         read_mesh(tmp_path, sha)
 
 
+def test_whatever_is_changed_is_a_mesh_or_refused(mesh):
+    good, refused = encode_mesh(mesh), []
+    for place in range(0, len(good), 3):
+        damaged = bytearray(good)
+        damaged[place] ^= 1 << place % 8
+        for data in (bytes(damaged), good[:place], good[: place // 2] + good[place:]):
+            try:
+                decode_mesh(data)
+            except ValueError as error:
+                refused.append(str(error))
+    assert len(refused) > len(good) / 2
+    assert any("negative seek" in text for text in refused)
+
+
 def test_compressed_files_and_others_are_refused(mesh):
     buffer = io.BytesIO()
     np.savez_compressed(buffer, vertices=mesh.vertices)

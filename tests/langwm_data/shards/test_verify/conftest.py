@@ -49,6 +49,12 @@ def vandal(folder):
     return Vandal(folder)
 
 
+@pytest.fixture
+def vandal_of():
+    """For a dataset of one's own."""
+    return Vandal
+
+
 class Vandal:
     """Damages a dataset, and hides it from the checksums so that only the damage itself can be found."""
 
@@ -56,12 +62,12 @@ class Vandal:
 
     def __init__(self, folder):
         self.folder = folder
-        self.keys = self._keys()
+        self.keys = self.keys_of(self.train)
         self.key = self.keys[1]
         """A frame in the middle of the first shard; it has a caption."""
 
-    def _keys(self):
-        with tarfile.open(self.folder / self.train) as tar:
+    def keys_of(self, shard):
+        with tarfile.open(self.folder / shard) as tar:
             return list(dict.fromkeys(name.partition(".")[0] for name in tar.getnames()))
 
     def files(self, shard=train):
@@ -98,7 +104,7 @@ class Vandal:
         assert target in dict(files)
         self.write([(n, change(d) if n == target else d) for n, d in files], shard)
 
-    def edit_json(self, change):
+    def edit_json(self, change, shard=train):
         """Change the document of ``key`` in place and write it as the generator does."""
 
         def edited(data):
@@ -106,7 +112,7 @@ class Vandal:
             change(document)
             return json.dumps(document, separators=(",", ":")).encode()
 
-        self.edit("json", edited)
+        self.edit("json", edited, shard)
 
     def captioned(self, document):
         """The first object with a caption."""
@@ -114,7 +120,7 @@ class Vandal:
 
     def edit_manifest(self, **changes):
         path = self.folder / MANIFEST_FILE
-        path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+        path.write_text(json.dumps(json.loads(path.read_text()) | changes, indent=2) + "\n")
 
     def reseal(self):
         """Make sizes and checksums in the manifest those of the shards."""
@@ -134,14 +140,14 @@ class Vandal:
         data[offset] ^= mask
         (self.folder / path).write_bytes(data)
 
-    def assert_found(self, message, *, where=train, key=None):
-        """``verify`` says it of this file and key, and says nothing of any other key of the shard."""
+    def assert_found(self, message, *, where=train, key=None, also=""):
+        """``verify`` says it of this file and key, and of the shard's other keys only of ``also``."""
         key = self.key if key is None else key
         findings = verify_dataset(self.folder).findings
         said = [f.what for f in findings if (f.where, f.key) == (where, key)]
         assert any(re.search(message, what) for what in said), "\n".join(map(str, findings))
         if key and where == self.train:
-            assert {f.key for f in findings if f.where == where} <= {key, ""}
+            assert {f.key for f in findings if f.where == where} <= {key, also, ""}
 
     def place(self, name, shard=train):
         """Offset and size of a file's bytes."""

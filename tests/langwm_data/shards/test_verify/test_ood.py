@@ -5,7 +5,8 @@ import json
 import pytest
 
 from langwm_data import ShardDataset
-from langwm_data.scenes.splits import BUILDINGS, HELD_OUT_TEXTURE_IDS
+from langwm_data.scenes.splits import ALL_BUILDINGS, HELD_OUT_TEXTURE_IDS
+from langwm_data.shards.leaks import sample_leaks
 from langwm_data.shards.ood import verify_ood
 
 
@@ -44,7 +45,7 @@ def test_every_held_out_texture_is_a_leak_in_training(vandal, category):
     assert report.as_text().splitlines()[-1].startswith("NOT PROVED: ")
 
 
-@pytest.mark.parametrize("name", [name for name, building in BUILDINGS.items() if building.split == "test"])
+@pytest.mark.parametrize("name", [name for name, b in ALL_BUILDINGS.items() if b.split == "test"])
 def test_a_held_out_building_is_a_leak_whatever_the_names_say(vandal, name):
     vandal.edit_json(lambda d: d.update(building=name))
     assert f"building {name} is for test, the frame is for train" in verify_ood(vandal.folder).as_text()
@@ -69,6 +70,22 @@ def test_a_test_shard_among_the_training_shards_is_a_leak(vandal):
     assert "is for test, the frame is for train" in text
     assert "split is 'test' in a shard of train" in text
     assert "has 2 samples; the manifest says 4" in text
+
+
+def test_in_buildings_of_igibson_ids_are_its_own_and_unlisted_classes_are_for_all():
+    document = {"building": "Merom", "scene": "Merom_1", "objects": [], "palette": ["wood/99", "paper/07"]}
+    assert sample_leaks(document, "train") == []
+    document["palette"] = ["wood/05", "paper/7", "no name"]
+    assert sample_leaks(document, "train") == [
+        "texture wood/05 is for test only, the frame is for train",
+        "texture 'paper/7' is in no table of splits",
+        "texture 'no name' is not of the form wood/05",
+    ]
+    document |= {"building": "Rs", "scene": "Rs_0", "palette": ["wood/05", "paper/07", "wood/06"]}
+    assert sample_leaks(document, "test") == ["texture wood/06 is for training only, the frame is for test"]
+    # In a home there is no paper, and no wood of that number.
+    document |= {"building": "Alder", "scene": "Alder_0", "palette": ["wood/99", "paper/07"]}
+    assert len(sample_leaks(document, "train")) == 2
 
 
 def test_a_texture_in_both_splits_is_a_leak_by_itself(vandal):

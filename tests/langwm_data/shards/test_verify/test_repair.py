@@ -10,6 +10,7 @@ import cli
 from langwm_data.png import encode_png
 from langwm_data.redraw import redraw_frames
 from langwm_data.repair import repair_dataset
+from langwm_data.shards.manifest import read_manifest
 from langwm_data.shards.sample import DatasetError
 from langwm_data.shards.verify import verify_dataset
 from langwm_data.shards.writer import sha256_of
@@ -96,6 +97,24 @@ def test_a_checksum_that_nothing_can_meet_is_refused_and_nothing_changes(vandal)
     assert contents(vandal.folder) == before
 
 
+def test_a_scene_that_comes_out_otherwise_is_refused_and_stays(vandal):
+    path = sorted((vandal.folder / "scenes").iterdir())[0]
+    path.write_text("{}")
+    files = read_manifest(vandal.folder).files
+    vandal.edit_manifest(files=files | {f"scenes/{path.name}": "0" * 64})
+    before = contents(vandal.folder)
+    with pytest.raises(DatasetError, match=r"scenes/\w+\.json: made again it has another SHA-256"):
+        verify_and_repair(vandal.folder)
+    assert contents(vandal.folder) == before
+
+
+def test_an_index_that_other_software_writes_gets_its_checksum_into_the_manifest(vandal, monkeypatch):
+    (vandal.folder / "index/frames.parquet").unlink()
+    monkeypatch.setattr("langwm_data.repair.write_table", lambda path, table: pq.write_table(table, path))
+    verify_and_repair(vandal.folder)
+    assert verify_dataset(vandal.folder).is_sound
+
+
 def test_a_dataset_of_another_version_is_refused(vandal):
     vandal.flip(vandal.train, 600)
     vandal.edit_manifest(fingerprint="0" * 64, generator="langwm 0.0.1")
@@ -128,7 +147,7 @@ def test_the_command_line_says_what_is_wrong_and_repairs_it(vandal, sound, capsy
     assert cli.run([*command, "--repair", "--rerender", "2"]) == 0
     assert capsys.readouterr().out.splitlines()[-2:] == [
         f"repaired: {vandal.train}",
-        "sound: 10 frames in 3 shards",
+        "sound: 10 frames in 3 shards, 2 drawn again",
     ]
     assert contents(vandal.folder) == contents(sound)
 
