@@ -15,8 +15,6 @@ from pretrain.probing.scores import FeatureScore
 from pretrain.probing.wording import REGION_TITLES, TITLES
 from pretrain.statistics import Interval
 
-_THIN = {"markersize": 3.5, "linewidth": 1.0, "elinewidth": 1.0}
-
 
 def region_figure(regions: Mapping[str, Mapping[str, Comparison]]) -> str:
     """Error with every caption, one plot for each region, with intervals."""
@@ -42,7 +40,16 @@ def distance_figure(groups: Sequence[Group], captions: Sequence[str]) -> str:
         more = [g.captions[name].more_m for g in groups if name in g.captions]
         means = np.array([m.mean for m in more if m])
         ends = np.array([(m.mean - m.low, m.high - m.mean) for m in more if m]).reshape(-1, 2).T
-        ax.errorbar(x, means, yerr=ends, fmt="o-", color=SERIES[number], label=TITLES[name], **_THIN)
+        ax.errorbar(
+            x,
+            means,
+            yerr=ends,
+            fmt="o-",
+            markersize=3.5,
+            linewidth=1.0,
+            color=SERIES[number],
+            label=TITLES[name],
+        )
     ax.axhline(0, color=ACCENT, linewidth=0.8, linestyle=":")
     ax.set_xticks(range(len(groups)), [f"{g.name}\n{g.num_frames} frames" for g in groups])
     tidy_axes(ax, "error inside the object minus that with the right caption, m")

@@ -25,7 +25,7 @@ from pretrain.validation import predict_depth
 MEAN, PIXEL_MEAN = "mean", "pixel_mean"
 """Baselines in the place of a caption: the training frames' mean depth, in all and at each pixel."""
 BOX, OBJECT, MARGIN, ELSEWHERE = "box", "object", "margin", "elsewhere"
-REGIONS = (BOX, OBJECT, MARGIN, ELSEWHERE)
+REGIONS: tuple[str, ...] = (BOX, OBJECT, MARGIN, ELSEWHERE)
 """All that is hidden; the object in it; the rest of the box; all that is not hidden."""
 
 _CHUNK = 64
@@ -111,7 +111,9 @@ def measure_grounding(
         parts.append(_measure_chunk(scene, rows, depth_of, mae.config.max_depth_m))
         progress(min(start + _CHUNK, len(scene)), len(scene))
     joined = {name: np.concatenate([part[name] for part in parts], axis=1) for name in parts[0]}
-    errors = {name: dict(zip(REGIONS, values, strict=False)) for name, values in joined.items()}
+    errors: dict[str, dict[str, Errors]] = {
+        name: dict(zip(REGIONS, values[:-1], strict=True)) for name, values in joined.items()
+    }
     if not np.isfinite(errors[RIGHT][BOX]).any():
         raise ConfigError(f"none of the {len(scene)} hidden boxes covers a pixel with valid depth")
     return GroundingResult(

@@ -31,7 +31,7 @@ from pretrain.probing.features import (
 from pretrain.probing.findings import Grounding, sum_up
 from pretrain.probing.grounding import GroundingResult, measure_grounding
 from pretrain.probing.report import REPORT_FILE, draw_grounding, render_report
-from pretrain.probing.scene import DepthPrior, make_probe_scene
+from pretrain.probing.scene import DepthPrior, ProbeScene, make_probe_scene
 from pretrain.probing.scores import FeatureScore, score_features
 
 ROWS_FILE, FEATURES_FILE, SUMMARY_FILE = "probe.parquet", "features.parquet", "probe.json"
@@ -133,7 +133,7 @@ def _objects_of(run: Path) -> ObjectMaskConfig:
 
 def _ground(subject: Subject, text: FrozenText, go_on: Progress) -> dict[Split, GroundingResult]:
     config, mae = subject.config, subject.mae
-    scenes = {
+    scenes: dict[Split, ProbeScene] = {
         split: make_probe_scene(frames, text, subject.objects, num_frames=config.frames, seed=config.seed)
         for split, frames in subject.splits.items()
     }

@@ -99,7 +99,7 @@ def _room_task(train: SeenFrames, test: SeenFrames) -> Task:
         measure=accuracy,
         train=answers[0],
         test=answers[1],
-        has_answer=(answers[0].any(axis=1), answers[1].any(axis=1)),
+        has_answer=(answers[0].sum(axis=1) > 0, answers[1].sum(axis=1) > 0),
         guess=answers[0].mean(axis=0, keepdims=True),
     )
 
@@ -119,7 +119,7 @@ def _category_task(train: SeenFrames, test: SeenFrames) -> Task:
 
 
 def _number_task(name: str, train: Answers, test: Answers) -> Task:
-    has_answer = (np.isfinite(train).all(axis=1), np.isfinite(test).all(axis=1))
+    has_answer = (np.isfinite(train.sum(axis=1)), np.isfinite(test.sum(axis=1)))
     guess = train[has_answer[0]].mean(axis=0, keepdims=True) if has_answer[0].any() else np.zeros((1, 0))
     return Task(
         name=name,
