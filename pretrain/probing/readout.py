@@ -18,6 +18,7 @@ RIDGE_STRENGTHS = tuple(10.0**power for power in range(-4, 4))
 """Of the penalty, in units of the number of frames: features are standardised."""
 NUM_NEIGHBORS = (1.0, 5.0, 20.0, 50.0)
 _CHUNK = 512
+_NUM_FOLDS = 5
 
 
 @dataclass(frozen=True)
@@ -78,21 +79,25 @@ def read_out(
     knobs: Sequence[float],
     train: tuple[Features, Targets],
     test: Features,
-    is_validation: Bool[np.ndarray, " N"],
+    folds: Int[np.ndarray, " N"],
 ) -> Reading:
-    """Choose a knob on part of the training frames, then read the test frames after all of them.
+    """Choose a knob by cross-validation on the training frames, then read the test frames after all of them.
 
     Args:
         reader: How.
         knobs: To choose from, by squared error.
         train: Features, standardised here, and targets.
         test: Features.
-        is_validation: The training frames on which the knob is chosen.
+        folds: For each training frame the number of the fold in which it is left out.
     """
     features, targets = train
-    fit, valid = standardise(features[~is_validation], features[is_validation])
-    tried = reader(fit, targets[~is_validation], valid, knobs)
-    best = int(((tried - targets[is_validation]) ** 2).mean(axis=(1, 2)).argmin())
+    errors = np.zeros(len(knobs))
+    for fold in np.unique(folds):
+        is_out = folds == fold
+        fit, valid = standardise(features[~is_out], features[is_out])
+        tried = reader(fit, targets[~is_out], valid, knobs)
+        errors += ((tried - targets[is_out]) ** 2).sum(axis=(1, 2))
+    best = int(errors.argmin())
     seen, unseen = standardise(features, test)
     return Reading(reader(seen, targets, unseen, knobs[best : best + 1])[0], float(knobs[best]))
 
@@ -126,10 +131,9 @@ def mean_area(predicted: Targets, truth: Targets) -> float:
     return float(np.nanmean(areas)) if np.isfinite(areas).any() else float("nan")
 
 
-def hold_out(rng: np.random.Generator, groups: Int[np.ndarray, " N"]) -> Bool[np.ndarray, " N"]:
-    """About a fifth of the rows, in whole groups where there are several: the rows to validate on."""
-    names = np.unique(groups)
+def make_folds(rng: np.random.Generator, groups: Int[np.ndarray, " N"]) -> Int[np.ndarray, " N"]:
+    """Numbers of up to five folds for cross-validation, in whole groups where there are several."""
+    names, number = np.unique(groups, return_inverse=True)
     if len(names) == 1:
-        groups = names = np.arange(len(groups))
-    chosen = rng.permutation(names)[: max(len(names) // 5, 1)]
-    return np.isin(groups, chosen)
+        number = np.arange(len(groups))
+    return rng.permutation(number.max() + 1)[number] % _NUM_FOLDS

@@ -17,7 +17,7 @@ from pretrain.probing.readout import (
     RIDGE_STRENGTHS,
     Reader,
     accuracy,
-    hold_out,
+    make_folds,
     mean_area,
     r2,
     read_by_neighbors,
@@ -136,9 +136,9 @@ def score_features(train: SeenFrames, test: SeenFrames, seed: int) -> list[Featu
     """Every question to every encoder's features by every reader.
 
     Args:
-        train: Frames to fit readers on; a fifth of their scenes choose each reader's knob.
+        train: Frames to fit readers on; each reader's knob is chosen by leaving out whole scenes of them.
         test: Frames to score them on.
-        seed: Of the choice of validation scenes, and of the intervals.
+        seed: Of the folds of scenes, and of the intervals.
     """
     scores = []
     for task in make_tasks(train, test):
@@ -161,7 +161,7 @@ def _score(
         knobs,
         (train.features[name][fit], task.train[fit]),
         test.features[name][rows],
-        hold_out(make_rng(seed, "validation"), train.scenes[fit]),
+        make_folds(make_rng(seed, "folds"), train.scenes[fit]),
     )
     interval = resampled_interval(
         lambda chosen: task.measure(reading.predicted[chosen], truth[chosen]),
@@ -204,14 +204,14 @@ def score_dynamics(
     now = [values[held[:, 0]] for values, (held, _) in zip(known, pairs, strict=True)]
     change = [values[held[:, 1]] - values[held[:, 0]] for values, (held, _) in zip(known, pairs, strict=True)]
     first_train, first_test = (held[:, 0] for held, _ in pairs)
-    is_validation = hold_out(make_rng(seed, "validation"), train.scenes[first_train])
+    folds = make_folds(make_rng(seed, "folds"), train.scenes[first_train])
     scores = []
     for task, is_known in ((NEXT, True), (NEXT_BLIND, False)):
         inputs = [
             np.concatenate([x, actions], axis=1) if is_known else x
             for x, (_, actions) in zip(now, pairs, strict=True)
         ]
-        reading = read_out(read_by_ridge, RIDGE_STRENGTHS, (inputs[0], change[0]), inputs[1], is_validation)
+        reading = read_out(read_by_ridge, RIDGE_STRENGTHS, (inputs[0], change[0]), inputs[1], folds)
         interval = resampled_interval(
             lambda rows, p=reading.predicted: r2(p[rows], change[1][rows], np.zeros_like(change[1][:1])),
             test.drives[first_test],

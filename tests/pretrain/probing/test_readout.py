@@ -8,7 +8,7 @@ from pretrain.probing.readout import (
     RIDGE_STRENGTHS,
     accuracy,
     area_under_curve,
-    hold_out,
+    make_folds,
     mean_area,
     r2,
     read_by_neighbors,
@@ -84,19 +84,35 @@ def test_what_is_linear_in_the_features_is_read_and_what_is_not_there_is_not(rng
     features = rng.normal(size=(700, 20)) * rng.uniform(0.1, 9, 20)
     linear = features @ rng.normal(size=(20, 1)) + 4
     noise = rng.normal(size=(700, 1))
-    is_validation = hold_out(rng, np.arange(400) // 20)
+    folds = make_folds(rng, np.arange(400) // 20)
     for targets, low, high in ((linear, 0.999, 1.0), (noise, -0.1, 0.1)):
         reading = read_out(
-            read_by_ridge, RIDGE_STRENGTHS, (features[:400], targets[:400]), features[400:], is_validation
+            read_by_ridge, RIDGE_STRENGTHS, (features[:400], targets[:400]), features[400:], folds
         )
         found = r2(reading.predicted, targets[400:], targets[:400].mean(axis=0, keepdims=True))
         assert low <= found <= high
         assert (reading.knob <= 1e-3) == (low > 0.5)  # noise is best not read at all
 
 
-def test_whole_groups_are_held_out(rng):
-    groups = np.arange(100) // 10
-    is_held = hold_out(rng, groups)
-    assert is_held.sum() == 20
-    assert all(len(set(is_held[groups == g])) == 1 for g in range(10))
-    assert hold_out(rng, np.zeros(50, dtype=np.int64)).sum() == 10
+def test_whole_groups_are_left_out_together(rng):
+    folds = make_folds(rng, np.arange(100) // 10)
+    assert np.bincount(folds).tolist() == [20] * 5
+    assert all(len(set(folds[g * 10 : g * 10 + 10])) == 1 for g in range(10))
+    assert np.bincount(make_folds(rng, np.zeros(50, dtype=np.int64))).tolist() == [10] * 5
+    assert set(make_folds(rng, np.arange(60) // 20)) == {0, 1, 2}
+
+
+def test_the_knob_is_the_best_over_all_folds(rng):
+    features, folds = rng.normal(size=(90, 30)), np.arange(90) % 3
+    targets = features[:, :1] + rng.normal(size=(90, 1))
+    errors = []
+    for strength in RIDGE_STRENGTHS:
+        total = 0.0
+        for fold in range(3):
+            out = folds == fold
+            fit, valid = standardise(features[~out], features[out])
+            read = read_by_ridge(fit, targets[~out], valid, (strength,))[0]
+            total += float(((read - targets[out]) ** 2).sum())
+        errors.append(total)
+    reading = read_out(read_by_ridge, RIDGE_STRENGTHS, (features, targets), features[:2], folds)
+    assert reading.knob == RIDGE_STRENGTHS[int(np.argmin(errors))]
