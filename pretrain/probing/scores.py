@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float
+from numpy.typing import NDArray
 
 from langwm_data.seeding import make_rng
 from pretrain.probing.features import SeenFrames
@@ -80,6 +81,23 @@ class Task:
     """The best answer without looking."""
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Question:
+    """A task put to the features of one encoder, on the rows that have an answer."""
+
+    task: str
+    score: str
+    measure: Callable[[Answers, Answers], float]
+    guess: Answers
+    train: tuple[NDArray[np.float64], NDArray[np.float64]]
+    """Features and answers."""
+    test: tuple[NDArray[np.float64], NDArray[np.float64]]
+    scenes: NDArray[np.int64]
+    """Of the training rows, for the folds."""
+    drives: NDArray[np.int64]
+    """Of the test rows, which are drawn together for the interval."""
+
+
 def make_tasks(train: SeenFrames, test: SeenFrames) -> list[Task]:
     """The questions that frames of both splits have answers to."""
     tasks = [_room_task(train, test), _category_task(train, test)]
@@ -140,50 +158,14 @@ def score_features(train: SeenFrames, test: SeenFrames, seed: int) -> list[Featu
         test: Frames to score them on.
         seed: Of the folds of scenes, and of the intervals.
     """
-    scores = []
-    for task in make_tasks(train, test):
-        for name in train.features:
-            for reader in READERS:
-                scores.append(_score(task, train, test, name, reader, seed))
-    for name in train.features:
-        scores += score_dynamics(train, test, name, seed)
-    return scores
-
-
-def _score(
-    task: Task, train: SeenFrames, test: SeenFrames, name: tuple[str, str], reader: str, seed: int
-) -> FeatureScore:
-    fit, rows = task.has_answer
-    truth = task.test[rows]
-    read, knobs = READERS[reader]
-    reading = read_out(
-        read,
-        knobs,
-        (train.features[name][fit], task.train[fit]),
-        test.features[name][rows],
-        make_folds(make_rng(seed, "folds"), train.scenes[fit]),
-    )
-    interval = resampled_interval(
-        lambda chosen: task.measure(reading.predicted[chosen], truth[chosen]),
-        test.drives[rows],
-        make_rng(seed, "interval", task.name),
-        resamples=_RESAMPLES,
-    )
-    return FeatureScore(
-        encoder=name[0],
-        features=name[1],
-        task=task.name,
-        reader=reader,
-        score=task.score,
-        value=interval.mean,
-        low=interval.low,
-        high=interval.high,
-        chance=task.measure(np.repeat(task.guess, len(truth), axis=0), truth),
-        num_train=int(fit.sum()),
-        num_test=len(truth),
-        num_groups=len(np.unique(test.drives[rows])),
-        knob=reading.knob,
-    )
+    tasks, names = make_tasks(train, test), list(train.features)
+    scores = [
+        _score(_ask(task, train, test, name), name, reader, seed)
+        for task in tasks
+        for name in names
+        for reader in READERS
+    ]
+    return scores + [score for name in names for score in score_dynamics(train, test, name, seed)]
 
 
 def score_dynamics(
@@ -197,42 +179,68 @@ def score_dynamics(
     Returns:
         The score with the action known, and with it unknown; nothing without drives in both splits.
     """
-    pairs = [next_frames(seen.table) for seen in (train, test)]
-    if not all(len(held) > 1 for held, _ in pairs):
+    splits = (train, test)
+    pairs, actions = zip(*(next_frames(seen.table) for seen in splits), strict=True)
+    if min(map(len, pairs)) < 2:
         return []
-    known = standardise(train.features[name], test.features[name])
-    now = [values[held[:, 0]] for values, (held, _) in zip(known, pairs, strict=True)]
-    change = [values[held[:, 1]] - values[held[:, 0]] for values, (held, _) in zip(known, pairs, strict=True)]
-    first_train, first_test = (held[:, 0] for held, _ in pairs)
-    folds = make_folds(make_rng(seed, "folds"), train.scenes[first_train])
+    values = standardise(*(seen.features[name] for seen in splits))
+    now, then = ([v[p[:, i]] for v, p in zip(values, pairs, strict=True)] for i in (0, 1))
+    known = [np.concatenate(parts, axis=1) for parts in zip(now, actions, strict=True)]
+    change = [after - before for before, after in zip(now, then, strict=True)]
+    still = np.zeros_like(change[0][:1])
     scores = []
-    for task, is_known in ((NEXT, True), (NEXT_BLIND, False)):
-        inputs = [
-            np.concatenate([x, actions], axis=1) if is_known else x
-            for x, (_, actions) in zip(now, pairs, strict=True)
-        ]
-        reading = read_out(read_by_ridge, RIDGE_STRENGTHS, (inputs[0], change[0]), inputs[1], folds)
-        interval = resampled_interval(
-            lambda rows, p=reading.predicted: r2(p[rows], change[1][rows], np.zeros_like(change[1][:1])),
-            test.drives[first_test],
-            make_rng(seed, "interval", task),
-            resamples=_RESAMPLES,
+    for task, inputs in ((NEXT, known), (NEXT_BLIND, now)):
+        question = Question(
+            task=task,
+            score="share of the change foreseen",
+            measure=partial(r2, guess=still),
+            guess=still,
+            train=(inputs[0], change[0]),
+            test=(inputs[1], change[1]),
+            scenes=train.scenes[pairs[0][:, 0]],
+            drives=test.drives[pairs[1][:, 0]],
         )
-        scores.append(
-            FeatureScore(
-                encoder=name[0],
-                features=name[1],
-                task=task,
-                reader="linear",
-                score="share of the change foreseen",
-                value=interval.mean,
-                low=interval.low,
-                high=interval.high,
-                chance=0.0,
-                num_train=len(first_train),
-                num_test=len(first_test),
-                num_groups=len(np.unique(test.drives[first_test])),
-                knob=reading.knob,
-            )
-        )
+        scores.append(_score(question, name, "linear", seed))
     return scores
+
+
+def _ask(task: Task, train: SeenFrames, test: SeenFrames, name: tuple[str, str]) -> Question:
+    fit, rows = task.has_answer
+    return Question(
+        task=task.name,
+        score=task.score,
+        measure=task.measure,
+        guess=task.guess,
+        train=(train.features[name][fit], task.train[fit]),
+        test=(test.features[name][rows], task.test[rows]),
+        scenes=train.scenes[fit],
+        drives=test.drives[rows],
+    )
+
+
+def _score(question: Question, name: tuple[str, str], reader: str, seed: int) -> FeatureScore:
+    read, knobs = READERS[reader]
+    inputs, truth = question.test
+    folds = make_folds(make_rng(seed, "folds"), question.scenes)
+    reading = read_out(read, knobs, question.train, inputs, folds)
+    interval = resampled_interval(
+        lambda rows: question.measure(reading.predicted[rows], truth[rows]),
+        question.drives,
+        make_rng(seed, "interval", question.task),
+        resamples=_RESAMPLES,
+    )
+    return FeatureScore(
+        encoder=name[0],
+        features=name[1],
+        task=question.task,
+        reader=reader,
+        score=question.score,
+        value=interval.mean,
+        low=interval.low,
+        high=interval.high,
+        chance=question.measure(np.repeat(question.guess, len(truth), axis=0), truth),
+        num_train=len(folds),
+        num_test=len(truth),
+        num_groups=len(np.unique(question.drives)),
+        knob=reading.knob,
+    )
