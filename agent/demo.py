@@ -170,7 +170,7 @@ def write_panels(
         depth_of = predict_with_captions(mae, text, scene, seed, rows=slice(i, i + 1))
         depths = {name: depth[0] for name, depth in depth_of.items() if name in told}
         images = panel_images(scene.batch, i, depths, mae.config.max_depth_m)
-        files = {name: f"{i:03d}-{name.replace(' ', '-')}.png" for name in images}
+        files = {name: f"{i:03d}-{name}.png" for name in images}
         for name, image in images.items():
             atomic.write_bytes(folder / files[name], encode_png(image))
         texts = {name: claim.text for name, claim in told.items() if claim.text}

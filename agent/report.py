@@ -34,7 +34,7 @@ from pretrain.page import render_page
 from pretrain.probing.claims import DISTANCE, EMPTY, RIGHT
 from pretrain.probing.compare import compare
 from pretrain.probing.grounding import BOX
-from pretrain.probing.wording import change_text, comparison_row, range_text
+from pretrain.probing.wording import TITLES, change_text, comparison_row, range_text
 
 REPORT_FILE = "report.html"
 DATA, MAE, PROBE, AGENT = "data", "mae", "probe", "agent"
@@ -165,8 +165,13 @@ def _panels(probe: Path) -> list[dict[str, Any]]:
     panels = json.loads((probe / PANELS_FILE).read_text("utf-8"))
     return [
         {
-            "text": " ".join(f"{name}: “{text}”" for name, text in panel["captions"].items()),
-            "images": [{"name": name, "image": _png(probe / file)} for name, file in panel["images"].items()],
+            "text": " ".join(
+                f"{TITLES[name].capitalize()}: “{text}”" for name, text in panel["captions"].items()
+            ),
+            "images": [
+                {"name": TITLES.get(name, name), "image": _png(probe / file)}
+                for name, file in panel["images"].items()
+            ],
         }
         for panel in panels
     ]

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from pretrain.figures import ACCENT, INK, LINE, SERIES, SOFT, WARM, svg_address, tidy_axes
 from pretrain.pictures import hide_pixels
@@ -108,15 +109,17 @@ def attention_figure(
     axes = figure.subplots(
         num_layers, len(kept) + 2, width_ratios=[1] * (len(kept) + 1) + [2.4], squeeze=False
     )
-    box = cells_inside(is_hidden, attention.cells.shape[1:3]).astype(float)
+    box = np.argwhere(cells_inside(is_hidden, attention.cells.shape[1:3]))
     for layer, row in enumerate(axes):
         top = float(attention.cells[layer][..., kept].max())
         row[0].imshow(hide_pixels(rgb, is_hidden))
         row[0].set_ylabel(f"layer {layer + 1}", fontsize=7, color=SOFT)
         for ax, i in zip(row[1:-1], kept, strict=True):
             ax.imshow(attention.cells[layer, ..., i], vmin=0, vmax=top, cmap="magma")
-            if 0 < box.sum() < box.size:
-                ax.contour(box, levels=[0.5], colors="white", linewidths=0.7)
+            if len(box):
+                (top_row, left), (height, width) = box.min(axis=0), np.ptp(box, axis=0) + 1
+                corner = (left - 0.5, top_row - 0.5)
+                ax.add_patch(Rectangle(corner, width, height, fill=False, edgecolor="white", linewidth=0.8))
             if layer == 0:
                 ax.set_title(words[i], fontsize=7, color=INK)
         for ax in row[:-1]:

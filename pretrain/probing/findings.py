@@ -98,7 +98,7 @@ def findings(numbers: Numbers) -> list[str]:
     ]
     for name in (OTHER, DISTANCE, DIRECTION, CATEGORY):
         if name in captions and (more := captions[name].more_m) is not None:
-            lines.append(f"Told “{TITLES[name]}”, it {change_text(more)}.")
+            lines.append(f"{TITLES[name].capitalize()}: it {change_text(more)}.")
     heeded = numbers.heeded
     lines.append(
         f"Where the distance is contradicted, the predicted depth of the object follows by"

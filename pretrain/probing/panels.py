@@ -26,7 +26,7 @@ def shown_rows(batch: MAEBatch, count: int) -> list[int]:
 def panel_images(
     batch: MAEBatch, row: int, depth_of: Mapping[str, Float[Tensor, "H W"]], max_depth_m: float
 ) -> dict[str, NDArray[np.uint8]]:
-    """Input, masked input, the depth predicted with each caption, and the truth, by title.
+    """Input, masked input, the depth predicted with each caption, and the truth, by name.
 
     Args:
         batch: On the CPU.
@@ -38,5 +38,5 @@ def panel_images(
     images = {"input": rgb, "masked": hide_pixels(rgb, is_hidden)}
     for name, depth in depth_of.items():
         predicted = np.maximum(depth.numpy(), _NOT_INVALID_M)
-        images[f"{name} caption"] = depth_to_rgb(predicted, max_depth_m)
+        images[name] = depth_to_rgb(predicted, max_depth_m)
     return images | {"truth": depth_to_rgb(batch.depth[row].numpy(), max_depth_m)}

@@ -97,7 +97,10 @@ def _panels(
                 "key": scene.keys[row],
                 "what": f"{shown.noun}, {shown.distance_m:.1f} m",
                 "captions": [{"name": TITLES[n], "text": c.text} for n, c in told.items() if c.text],
-                "images": [{"name": name, "image": image_address(image)} for name, image in images.items()],
+                "images": [
+                    {"name": TITLES.get(name, name), "image": image_address(image)}
+                    for name, image in images.items()
+                ],
             }
         )
     return panels

@@ -74,15 +74,18 @@ def probe_mae(
         The page.
 
     Raises:
-        ValueError: If the request is wrong; nothing was written then, unless no frame shows an object.
+        ValueError: If the request is wrong; nothing was written then.
     """
     subject = open_subject(config)
+    text, scenes = None, None
+    if subject.mae.config.target == "depth":
+        text = FrozenText(subject.mae.text, config.device)
+        scenes = _hide(subject, text)
     claim_output(out, config, fresh=fresh)
     count = _Count(subject, progress)
     grounding, pictures = None, None
-    if subject.mae.config.target == "depth":
-        text = FrozenText(subject.mae.text, config.device)
-        measured = _ground(subject, text, count.go_on)
+    if text is not None and scenes is not None:
+        measured = _ground(subject, text, scenes, count.go_on)
         rows = [result.to_table(split=split) for split, result in measured.items()]
         _write_table(out / ROWS_FILE, pa.concat_tables(rows))
         grounding = sum_up(measured, config.split, _model_splits(subject), config.seed)
@@ -131,15 +134,21 @@ def _objects_of(run: Path) -> ObjectMaskConfig:
     return load_config_file(PretrainConfig, path).objects if path.is_file() else ObjectMaskConfig()
 
 
-def _ground(subject: Subject, text: FrozenText, go_on: Progress) -> dict[Split, GroundingResult]:
-    config, mae = subject.config, subject.mae
-    scenes: dict[Split, ProbeScene] = {
+def _hide(subject: Subject, text: FrozenText) -> dict[Split, ProbeScene]:
+    config = subject.config
+    return {
         split: make_probe_scene(frames, text, subject.objects, num_frames=config.frames, seed=config.seed)
         for split, frames in subject.splits.items()
     }
+
+
+def _ground(
+    subject: Subject, text: FrozenText, scenes: dict[Split, ProbeScene], go_on: Progress
+) -> dict[Split, GroundingResult]:
+    mae = subject.mae
     prior = DepthPrior.of(subject.splits["train"], mae.config.max_depth_m)
     return {
-        split: measure_grounding(mae, text, scene, prior, seed=config.seed, progress=go_on)
+        split: measure_grounding(mae, text, scene, prior, seed=subject.config.seed, progress=go_on)
         for split, scene in scenes.items()
     }
 

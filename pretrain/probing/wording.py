@@ -13,9 +13,9 @@ TITLES: Mapping[str, str] = MappingProxyType(
         RIGHT: "right caption",
         EMPTY: "empty caption",
         OTHER: "another object's caption",
-        DISTANCE: "far for near, near for far",
-        DIRECTION: "left for right",
-        CATEGORY: "another category",
+        DISTANCE: "wrong distance",
+        DIRECTION: "wrong direction",
+        CATEGORY: "wrong category",
         MEAN: "mean depth",
         PIXEL_MEAN: "mean at each pixel",
     }

@@ -159,6 +159,11 @@ def test_frames_of_another_size_are_refused(mae_config, bert_folder, text, run, 
     refuse(tmp_path / "out", message, run=run, data=str(data), beside=large)
 
 
+def test_frames_without_objects_are_refused(run, data, tmp_path, monkeypatch):
+    monkeypatch.setattr("pretrain.dataset._objects_by_frame", lambda shards: [[] for _ in shards.keys])
+    refuse(tmp_path / "out", "show no object that could be hidden", run=run, data=str(data))
+
+
 def test_a_folder_that_is_not_of_a_probe_is_left_alone(run, data, tmp_path):
     (tmp_path / "mine.txt").write_text("x")
     with pytest.raises(ConfigError, match=r"is not empty and holds no config\.yaml"):
