@@ -103,5 +103,5 @@ def test_all_comparisons_are_made_and_said(result):
     gain = result.errors[EMPTY][OBJECT].mean() - result.errors[RIGHT][OBJECT].mean()
     share = 100 * gain / result.errors[EMPTY][OBJECT].mean()
     assert f"takes off {share:.0f} %" in lines[0]
-    assert any("wrong distance" in line and "adds" in line for line in lines)
+    assert any("Wrong distance" in line and "adds" in line for line in lines)
     assert numbers.regions[OBJECT][DISTANCE].num_frames == 100
