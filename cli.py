@@ -189,6 +189,33 @@ def pretrain_mae_command(
     typer.echo(f"encoder at {path}")
 
 
+@app.command("probe-mae")
+def probe_mae_command(
+    run: Annotated[Path, typer.Argument(help="Run of pretrain-mae, or its model.")],
+    data: Annotated[Path, typer.Option("--data", help="Dataset from render-dataset.")],
+    out: Out,
+    frames: Annotated[int | None, typer.Option("--frames", help="Frames of each split, at most.")] = None,
+    split: Annotated[str, typer.Option("--split", help="test or train: what the tables are about.")] = "test",
+    beside: Annotated[
+        Path | None, typer.Option("--beside", help="Another run, whose features are read as well.")
+    ] = None,
+    device: Annotated[str, typer.Option("--device", help="As PyTorch names it.")] = "cpu",
+    seed: Seed = None,
+    fresh: Fresh = False,
+) -> None:
+    """Measure what language does in an autoencoder and what its features know."""
+    from langwm_data.config_io import build_config
+    from pretrain.config import ProbeConfig
+    from pretrain.probing.run import probe_mae
+
+    flags = {"run": str(run), "data": str(data), "frames": frames, "split": split, "device": device}
+    flags |= {"beside": None if beside is None else str(beside), "seed": seed}
+    config = build_config(ProbeConfig, {name: value for name, value in flags.items() if value is not None})
+    with _progress("frames") as progress:
+        page = probe_mae(config, out, fresh=fresh, progress=progress)
+    typer.echo(f"report at {page}")
+
+
 @app.command("train-agent")
 def train_agent_command(
     out: Out,

@@ -7,14 +7,13 @@ where an earlier one stopped.
 import json
 import logging
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import torch
-from torch import Tensor
 
 from agent.config import AgentConfig
 from agent.evaluate import EVAL_FOLDER, evaluate_run, read_rows
@@ -29,8 +28,9 @@ from pretrain.config import PretrainConfig
 from pretrain.dataset import open_split
 from pretrain.language import FrozenText
 from pretrain.mae import LanguageGroundedMAE
-from pretrain.pictures import depth_to_rgb, hide_pixels
-from pretrain.probe import DepthPrior, ProbeScene, make_probe_scene, predict_with_captions, probe_grounding
+from pretrain.probing.grounding import measure_grounding, predict_with_captions
+from pretrain.probing.panels import panel_images, shown_rows
+from pretrain.probing.scene import DepthPrior, ProbeScene, make_probe_scene
 from pretrain.train import pretrain_mae
 
 log = logging.getLogger(__name__)
@@ -41,8 +41,6 @@ Progress = Callable[[str], AbstractContextManager[Callable[[int, int], None]]]
 CLOCK_FILE = "seconds.json"
 PROBE_FRAMES = 400
 PANELS = 4
-PANEL_MIN_SHARE = 0.06
-"""Of the picture behind the box: smaller ones show nothing."""
 TRAIN_SHARE = 8
 """A training floor gets this many times fewer episodes than a test floor: there are four times as many."""
 
@@ -114,7 +112,7 @@ def _parts(stages: DemoStages) -> list[tuple[str, str, str]]:
     return [
         ("render", "rendering and labelling", f"{stages.dataset.frames} frames"),
         ("pretrain", "pretraining", f"{pretrain.steps} steps of {pretrain.batch_size} frames"),
-        ("probe", "probing captions", f"up to {PROBE_FRAMES} held-out frames, three captions each"),
+        ("probe", "probing captions", f"up to {PROBE_FRAMES} held-out frames, six captions each"),
         ("train", "training the agent", f"{agent.steps} environment steps"),
         ("evaluate", "scoring", "agent and three controls"),
     ]
@@ -156,32 +154,27 @@ def probe(config: PretrainConfig, out: Path) -> None:
     mae = LanguageGroundedMAE.from_pretrained(out / MAE).to(config.device)
     scene = make_probe_scene(test, text, config.objects, num_frames=PROBE_FRAMES, seed=config.seed)
     prior = DepthPrior.of(train, config.mae.max_depth_m)
-    result = probe_grounding(mae, text, scene, prior, seed=config.seed)
-    depth_of = predict_with_captions(mae, text, scene, config.seed)
-    write_panels(out / PROBE, scene, depth_of, config.mae.max_depth_m)
+    result = measure_grounding(mae, text, scene, prior, seed=config.seed)
+    write_panels(out / PROBE, mae, text, scene, config.seed)
     with atomic.atomic_path(out / PROBE / PROBE_FILE) as temporary:
         pq.write_table(result.to_table(), temporary)
 
 
-def write_panels(folder: Path, scene: ProbeScene, depth_of: Mapping[str, Tensor], max_depth_m: float) -> None:
-    """Pictures of the first frames whose box is large enough to see, whatever came out for them."""
-    batch, panels = scene.batch, []
-    shares = batch.is_hidden.float().mean(dim=(1, 2))
-    for i in torch.nonzero(shares > PANEL_MIN_SHARE).flatten()[:PANELS].tolist():
-        rgb, is_hidden = batch.rgb[i].numpy(), batch.is_hidden[i].numpy()
-        depths = {f"{name} caption": depth[i] for name, depth in depth_of.items()} | {"truth": batch.depth[i]}
-        images = {"input": rgb, "masked": hide_pixels(rgb, is_hidden)}
-        images |= {name: depth_to_rgb(depth.numpy(), max_depth_m) for name, depth in depths.items()}
+def write_panels(
+    folder: Path, mae: LanguageGroundedMAE, text: FrozenText, scene: ProbeScene, seed: int
+) -> None:
+    """Pictures of some frames, whatever came out for them."""
+    panels = []
+    for i in shown_rows(scene.batch, PANELS):
+        told = scene.claims[i]
+        depth_of = predict_with_captions(mae, text, scene, seed, rows=slice(i, i + 1))
+        depths = {name: depth[0] for name, depth in depth_of.items() if name in told}
+        images = panel_images(scene.batch, i, depths, mae.config.max_depth_m)
+        files = {name: f"{i:03d}-{name}.png" for name in images}
         for name, image in images.items():
-            atomic.write_bytes(folder / f"{i:03d}-{name.replace(' ', '-')}.png", encode_png(image))
-        panels.append(
-            {
-                "key": scene.keys[i],
-                "caption": batch.captions[i],
-                "wrong_caption": scene.wrong[i][0],
-                "images": {name: f"{i:03d}-{name.replace(' ', '-')}.png" for name in images},
-            }
-        )
+            atomic.write_bytes(folder / files[name], encode_png(image))
+        texts = {name: claim.text for name, claim in told.items() if claim.text}
+        panels.append({"key": scene.keys[i], "captions": texts, "images": files})
     atomic.write_json(folder / PANELS_FILE, panels)
 
 

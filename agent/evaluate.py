@@ -18,13 +18,14 @@ from agent.config import AgentConfig, EnvConfig
 from agent.envs.episodes import EPISODES_VERSION, Episode, fixed_episodes
 from agent.envs.pointnav import PointNavEnv
 from agent.rollout import EpisodeRecord, Policy, run_episode
-from agent.statistics import Interval, bootstrap_interval, wilson_interval
+from agent.statistics import wilson_interval
 from agent.systems.controls import CONTROLS
 from agent.systems.langwm import Agent
 from langwm_data import atomic
 from langwm_data.config_io import CONFIG_FILE, ConfigError, load_config_file
 from langwm_data.scenes.spec import Split
 from langwm_data.seeding import make_rng
+from pretrain.statistics import Interval, bootstrap_interval
 
 EVAL_FOLDER = "eval"
 EPISODES_FILE = "episodes.parquet"

@@ -1,19 +1,17 @@
 """Pictures for reports: learning curves and top-down trajectories, as self-contained image addresses."""
 
-import base64
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 
-INK, SOFT, LINE, ACCENT, WARM = "#1d2430", "#5c6675", "#d9dee6", "#1f6f8b", "#c8553d"
+from pretrain.figures import ACCENT, SERIES, SOFT, WARM, svg_address, tidy_axes
+
 FLOOR, WALL, FURNITURE = "#f5f7fa", "#3b4350", "#c9d2de"
 
 
@@ -45,19 +43,14 @@ def curve_figure(panels: Mapping[str, Sequence[Curve]], x_label: str) -> str:
         _draw_curves(ax, title, curves, x_label)
     for ax in axes[len(panels) :]:
         ax.set_axis_off()
-    return _svg(figure)
+    return svg_address(figure)
 
 
 def _draw_curves(ax: Axes, title: str, curves: Sequence[Curve], x_label: str) -> None:
-    colors = (ACCENT, WARM, SOFT, "#7a9e4f")
-    for curve, color in zip(curves, colors, strict=False):
+    for curve, color in zip(curves, SERIES, strict=False):
         ax.plot(curve.steps, curve.values, color=color, linewidth=1.4, label=curve.name)
-    ax.set_title(title, fontsize=9, color=INK, loc="left")
+    tidy_axes(ax, title)
     ax.set_xlabel(x_label, fontsize=8, color=SOFT)
-    ax.tick_params(labelsize=7, colors=SOFT)
-    ax.grid(color=LINE, linewidth=0.6)
-    for side in ("top", "right"):
-        ax.spines[side].set_visible(False)
     if len(curves) > 1:
         ax.legend(fontsize=7, frameon=False)
 
@@ -82,11 +75,4 @@ def map_figure(plan: Sequence[tuple[str, Any]], walks: Sequence[Walk]) -> str:
     ax.autoscale_view()
     ax.set_aspect("equal")
     ax.set_axis_off()
-    return _svg(figure)
-
-
-def _svg(figure: Figure) -> str:
-    buffer = io.BytesIO()
-    with mpl.rc_context({"svg.hashsalt": "langwm"}):
-        figure.savefig(buffer, format="svg", metadata={"Date": None})
-    return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode()
+    return svg_address(figure)

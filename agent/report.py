@@ -7,19 +7,18 @@ import json
 import os
 import platform
 from collections.abc import Mapping, Sequence
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import cv2
-import jinja2
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from agent.evaluate import AGENT as AGENT_ROW
 from agent.evaluate import EVAL_FOLDER, Row, Score, read_rows, summarise
 from agent.figures import Curve, Walk, curve_figure, map_figure
-from agent.statistics import Interval, bootstrap_interval, paired_bootstrap_interval
 from langwm_data import atomic
 from langwm_data.png import image_address
 from langwm_data.scenes.navigation import floor_plan
@@ -31,6 +30,11 @@ from langwm_data.shards.sample import Sample
 from langwm_data.shards.summary import summarise as summarise_dataset
 from pretrain.metrics import read_metrics
 from pretrain.model_file import load_model_file
+from pretrain.page import render_page
+from pretrain.probing.claims import DISTANCE, EMPTY, RIGHT
+from pretrain.probing.compare import compare
+from pretrain.probing.grounding import BOX
+from pretrain.probing.wording import TITLES, change_text, comparison_row, range_text
 
 REPORT_FILE = "report.html"
 DATA, MAE, PROBE, AGENT = "data", "mae", "probe", "agent"
@@ -41,13 +45,6 @@ FRAMES_SHOWN = 6
 WALKS_PER_MAP = 4
 MAPS = 3
 DEPTH_SCALE_M = 8.0
-CAPTION_ROWS = (
-    ("right caption", "right"),
-    ("empty caption", "empty"),
-    ("wrong caption", "wrong"),
-    ("mean depth of the training frames", "mean"),
-    ("mean depth at each pixel", "pixel_mean"),
-)
 MAE_CURVES = {
     "depth loss": (("training", "mae/depth_loss"),),
     "held-out depth error in hidden boxes, m": (
@@ -82,9 +79,9 @@ def write_report(out: Path, stages: Sequence[tuple[str, str, str]], seconds: Map
         for key, title, outcome in stages
     ]
     costs.append({"part": "together", "seconds": f"{sum(seconds.values()):.0f}", "outcome": ""})
-    template = (resources.files("agent") / "templates" / "report.html.j2").read_text("utf-8")
-    environment = jinja2.Environment(autoescape=True, trim_blocks=True, undefined=jinja2.StrictUndefined)
-    page = environment.from_string(template).render(
+    page = render_page(
+        "agent",
+        "report.html.j2",
         subtitle="Everything below came out of one command on this machine; every number is read from the"
         " files beside this page.",
         findings=[grounding["finding"], navigation["finding"]],
@@ -130,53 +127,51 @@ def _frame(sample: Sample) -> dict[str, str]:
 
 def _grounding(probe: Path, mae: Path) -> dict[str, Any]:
     mask_ratio = load_model_file(mae)[0].mask_ratio
-    table = pq.read_table(probe / PROBE_FILE)
-    errors = {name: table[f"error_{name}_m"].to_numpy() for _, name in CAPTION_ROWS}
-    rng = make_rng(0, "report", "grounding")
-    own = {name: bootstrap_interval(values, rng) for name, values in errors.items()}
-    more = {n: paired_bootstrap_interval(errors[n], errors["right"], rng) for n in errors if n != "right"}
-    rows = [
-        {
-            "name": title,
-            "is_ours": name == "right",
-            "error": f"{own[name].mean:.3f}",
-            "interval": _range(own[name], 3),
-            "difference": f"{more[name].mean:+.3f}" if name in more else "",
-            "difference_interval": _range(more[name], 3) if name in more else "",
-        }
-        for title, name in CAPTION_ROWS
-    ]
-    empty, wrong = more["empty"], more["wrong"]
+    errors = _errors(pq.read_table(probe / PROBE_FILE))
+    found = compare(errors, make_rng(0, "report", "grounding"))
+    empty, far = found[EMPTY].more_m, found[DISTANCE].more_m
+    assert empty is not None
+    assert far is not None
     finding = (
-        f"Language: with the right caption the depth error inside a hidden box is {own['right'].mean:.2f} m;"
-        f" an empty caption {_changes(empty)}, a wrong one {_changes(wrong)}."
+        f"Language: with the right caption the depth error inside a hidden box is"
+        f" {found[RIGHT].error_m.mean:.2f} m; an empty caption {change_text(empty)}, one with a wrong"
+        f" distance {change_text(far)}."
     )
     return {
         "finding": finding,
-        "sentence": f"On {len(table)} frames of floors and textures never trained on, one object is hidden"
-        f" behind a box, and {100 * mask_ratio:.0f} % of the image tokens are dropped. The autoencoder"
-        " predicts depth from what is left and from a caption; only the caption differs between the first"
-        " three rows.",
-        "rows": rows,
+        "sentence": f"On {len(errors[RIGHT])} frames of floors and textures never trained on, one object is"
+        f" hidden behind a box, and {100 * mask_ratio:.0f} % of the image tokens are dropped. The autoencoder"
+        " predicts depth from what is left and from a caption; only the caption differs between the rows"
+        " with captions.",
+        "rows": [comparison_row(name, comparison) for name, comparison in found.items()],
         "note": "Mean absolute error over the box; intervals are 95 % bootstraps over frames, differences"
-        " paired by frame. A wrong caption names another category at least 1 m nearer or farther.",
+        " paired by frame. A caption is contradicted in one of its three slots: the distance by 3 m, left and"
+        " right, or the noun.",
         "panels": _panels(probe),
     }
 
 
-def _changes(difference: Interval) -> str:
-    if difference.low <= 0 <= difference.high:
-        return f"makes no difference that can be told ({difference.mean:+.2f} m, {_range(difference, 2)})"
-    verb = "adds" if difference.mean > 0 else "takes off"
-    return f"{verb} {abs(difference.mean):.2f} m ({_range(difference, 2)})"
+def _errors(table: pa.Table) -> dict[str, NDArray[np.float64]]:
+    """Errors in the box by caption, frames in one order; not a number where a caption is missing."""
+    by_caption: dict[str, dict[str, float]] = {}
+    names = ("caption", "key", f"error_{BOX}_m")
+    for caption, key, error in zip(*(table[name].to_pylist() for name in names), strict=True):
+        by_caption.setdefault(caption, {})[key] = np.nan if error is None else error
+    keys = by_caption[RIGHT]
+    return {name: np.array([held.get(key, np.nan) for key in keys]) for name, held in by_caption.items()}
 
 
 def _panels(probe: Path) -> list[dict[str, Any]]:
     panels = json.loads((probe / PANELS_FILE).read_text("utf-8"))
     return [
         {
-            "text": f"Right: “{panel['caption']}” Wrong: “{panel['wrong_caption']}”",
-            "images": [{"name": name, "image": _png(probe / file)} for name, file in panel["images"].items()],
+            "text": " ".join(
+                f"{TITLES[name].capitalize()}: “{text}”" for name, text in panel["captions"].items()
+            ),
+            "images": [
+                {"name": TITLES.get(name, name), "image": _png(probe / file)}
+                for name, file in panel["images"].items()
+            ],
         }
         for panel in panels
     ]
@@ -266,9 +261,9 @@ def _score_row(score: Score) -> dict[str, Any]:
         "is_ours": score.system == AGENT_ROW,
         "episodes": score.num_episodes,
         "success": f"{100 * score.success.mean:.1f}",
-        "success_interval": _range(score.success, 1, 100.0),
+        "success_interval": range_text(score.success, 1, 100.0),
         "spl": f"{means['spl'].mean:.3f}",
-        "spl_interval": _range(means["spl"], 3),
+        "spl_interval": range_text(means["spl"], 3),
         "soft_spl": f"{means['soft_spl'].mean:.3f}",
         "distance": f"{means['distance_to_goal'].mean:.2f}",
         "collisions": f"{100 * means['collisions'].mean / max(means['length'].mean, 1):.0f}",
@@ -297,7 +292,3 @@ def _walk(row: Row) -> Walk:
         goal=(row["goal"][0], row["goal"][1]),
         is_success=row["success"],
     )
-
-
-def _range(interval: Interval, digits: int, scale: float = 1.0) -> str:
-    return f"{scale * interval.low:.{digits}f} to {scale * interval.high:.{digits}f}"

@@ -1,24 +1,12 @@
-"""Intervals for success rates and means. Numbers in, numbers out."""
+"""Intervals for success rates and for means over seeds. Numbers in, numbers out."""
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
-Values = NDArray[np.floating]
-"""One number per episode."""
-
-
-@dataclass(frozen=True)
-class Interval:
-    """A point estimate between its limits."""
-
-    mean: float
-    low: float
-    high: float
+from pretrain.statistics import Interval, Values, check_not_empty, percentiles
 
 
 def wilson_interval(successes: int, trials: int, *, confidence: float = 0.95) -> Interval:
@@ -42,19 +30,6 @@ def wilson_interval(successes: int, trials: int, *, confidence: float = 0.95) ->
     return Interval(rate, low, high)
 
 
-def bootstrap_interval(
-    values: Values, rng: np.random.Generator, *, confidence: float = 0.95, resamples: int = 2000
-) -> Interval:
-    """Percentile interval of a mean over episodes.
-
-    Raises:
-        ValueError: If there are no values.
-    """
-    _check_not_empty(values)
-    means = _resampled_means(values, rng, resamples)
-    return _percentiles(float(values.mean()), means, confidence)
-
-
 def hierarchical_bootstrap_interval(
     groups: Sequence[Values], rng: np.random.Generator, *, confidence: float = 0.95, resamples: int = 2000
 ) -> Interval:
@@ -72,44 +47,9 @@ def hierarchical_bootstrap_interval(
     if not groups:
         raise ValueError("0 seeds; give the values of at least one")
     for group in groups:
-        _check_not_empty(group)
+        check_not_empty(group)
     means = np.empty(resamples)
     for i in range(resamples):
         seeds = rng.integers(len(groups), size=len(groups))
         means[i] = np.mean([rng.choice(groups[s], size=len(groups[s])).mean() for s in seeds])
-    return _percentiles(float(np.mean([g.mean() for g in groups])), means, confidence)
-
-
-def paired_bootstrap_interval(
-    first: Values,
-    second: Values,
-    rng: np.random.Generator,
-    *,
-    confidence: float = 0.95,
-    resamples: int = 2000,
-) -> Interval:
-    """Interval of the mean of ``first - second`` over the same episodes, drawn together.
-
-    Raises:
-        ValueError: If the two have different lengths or no values.
-    """
-    if len(first) != len(second):
-        raise ValueError(
-            f"{len(first)} and {len(second)} values; a paired comparison needs the same episodes"
-        )
-    return bootstrap_interval(first - second, rng, confidence=confidence, resamples=resamples)
-
-
-def _check_not_empty(values: Values) -> None:
-    if len(values) == 0:
-        raise ValueError("0 values; give at least one episode")
-
-
-def _resampled_means(values: Values, rng: np.random.Generator, resamples: int) -> Values:
-    return np.array([rng.choice(values, size=len(values)).mean() for _ in range(resamples)])
-
-
-def _percentiles(mean: float, means: Values, confidence: float) -> Interval:
-    tail = (1 - confidence) / 2
-    low, high = np.quantile(means, [tail, 1 - tail])
-    return Interval(mean, float(low), float(high))
+    return percentiles(float(np.mean([g.mean() for g in groups])), means, confidence)

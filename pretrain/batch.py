@@ -26,6 +26,10 @@ class FrameObject:
     """Mean z-depth over the mask."""
     phrase: str = ""
     """The noun for it; empty for that of its category."""
+    instance: int = 0
+    """Its id in the frame's instance mask, where there is one."""
+    model: str = ""
+    """Name of the furniture model, where it is known."""
 
     @property
     def noun(self) -> str:

@@ -202,3 +202,26 @@ class PretrainConfig:
     """Steps between looks at the test split, each with a picture."""
     valid_frames: PositiveInt = 128
     checkpoint_every: PositiveInt = 1000
+
+
+@config
+class ProbeConfig:
+    """One look at a pretrained autoencoder: what language does in it, and what its features know."""
+
+    run: Annotated[str, Field(min_length=1)]
+    """Folder of a pretraining run, or of a model."""
+    data: Annotated[str, Field(min_length=1)]
+    """Folder of a dataset with frames of both splits."""
+    frames: PositiveInt = 1000
+    """At most so many of each split with a hidden object, and so many test frames of which features are read;
+    the readers are fitted on four times as many training frames."""
+    seed: int = 0
+    """Of frames, boxes, captions, token masks, the random encoder and the intervals."""
+    split: Literal["test", "train"] = "test"
+    """Of the frames that the tables are about; the other split has a row beside it."""
+    beside: str | None = None
+    """Folder of another run, whose features are read beside."""
+    device: Annotated[str, Field(min_length=1)] = "cpu"
+    """As PyTorch names it."""
+    ram_mib: PositiveInt = 1024
+    """Decoded frames of each split are kept in memory up to this much."""

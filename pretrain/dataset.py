@@ -45,7 +45,8 @@ class FrameDataset:
             )
         if not len(shards):
             raise ConfigError(f"--data {str(shards.path)!r} has no frames to train on")
-        self._shards = shards
+        self.shards = shards
+        """The frames with everything that is known of them."""
         self._images = shards.only("rgb", "depth")
         self.objects = _objects_by_frame(shards)
         """Per frame, the objects that may be hidden."""
@@ -55,12 +56,12 @@ class FrameDataset:
         self._is_held = np.zeros(num_kept, dtype=np.bool_)
 
     def __len__(self) -> int:
-        return len(self._shards)
+        return len(self.shards)
 
     @property
     def keys(self) -> list[str]:
         """Names of the frames."""
-        return self._shards.keys
+        return self.shards.keys
 
     def batch(self, numbers: Sequence[int]) -> FrameBatch:
         """The frames of these numbers, in this order."""
@@ -110,16 +111,11 @@ def batch_numbers(seed: int, step: int, batch_size: int, num_frames: int) -> lis
 def _objects_by_frame(shards: ShardDataset) -> list[list[FrameObject]]:
     """The objects that have a caption: those that stage one found worth naming."""
     table = shards.objects
-    names = ("key", "category", "phrase", "x1", "y1", "x2", "y2", "center_x", "distance_m", "captions")
+    same = ("category", "phrase", "center_x", "distance_m", "instance", "model")
+    rows = table.select([*same, "key", "x1", "y1", "x2", "y2", "captions"]).to_pylist()
     found: dict[str, list[FrameObject]] = defaultdict(list)
-    for key, category, phrase, x1, y1, x2, y2, center_x, distance_m, captions in zip(
-        *(table[name].to_pylist() for name in names), strict=True
-    ):
-        if captions:
-            box = (x1, y1, x2, y2)
-            found[key].append(
-                FrameObject(
-                    category=category, phrase=phrase, bbox_xyxy=box, center_x=center_x, distance_m=distance_m
-                )
-            )
+    for row in rows:
+        if row["captions"]:
+            box = (row["x1"], row["y1"], row["x2"], row["y2"])
+            found[row["key"]].append(FrameObject(bbox_xyxy=box, **{name: row[name] for name in same}))
     return [found[key] for key in shards.keys]

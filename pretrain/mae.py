@@ -248,7 +248,7 @@ class LanguageGroundedMAE(nn.Module):
                 f"is_dropped leaves out {sorted(counts)} of {num_patches} tokens;"
                 " allowed: as many in every frame, and not all"
             )
-        with _evaluating(self):
+        with evaluating(self):
             # Among the tokens that stay, and among those that go, the order is kept.
             noise = is_dropped.float() + torch.arange(num_patches, device=rgb.device) / (2 * num_patches)
             ids_keep, ids_restore = random_masking(noise, num_patches - counts.pop())
@@ -268,7 +268,7 @@ class LanguageGroundedMAE(nn.Module):
             ValueError: If the frames are not of the size this model was trained on.
         """
         self._check_size(rgb)
-        with _evaluating(self):
+        with evaluating(self):
             return self.encode_tokens(self.patchify(rgb), self.null_text(len(rgb))).float()
 
     def _check_size(self, rgb: Tensor) -> None:
@@ -314,7 +314,7 @@ def boxes_mask(
 
 
 @contextmanager
-def _evaluating(module: nn.Module) -> Iterator[None]:
+def evaluating(module: nn.Module) -> Iterator[None]:
     """Dropout off for a while."""
     was_training = module.training
     module.eval()

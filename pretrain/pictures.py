@@ -1,11 +1,10 @@
 """Panels that show what the autoencoder saw, predicted and should have predicted."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from torch import Tensor
 
 from pretrain.batch import MAEBatch
 from pretrain.mae import IMAGENET_MEAN, IMAGENET_STD
@@ -78,28 +77,6 @@ def mae_panel(batch: MAEBatch, predicted: NDArray[np.float32], max_depth_m: floa
     what = "depth" if is_depth else "colours"
     titles = ("input", "masked input", f"predicted {what}", f"true {what}")
     return make_panel(titles, rows, batch.captions[: len(rows)])
-
-
-def probe_panel(
-    batch: MAEBatch, depth_of: Mapping[str, Tensor], lines: Sequence[str], max_depth_m: float
-) -> RGB:
-    """Masked input, the depth predicted with each caption, and the truth.
-
-    Args:
-        batch: The frames to show, on the CPU.
-        depth_of: Depth in metres (B, H, W) by the name of its column.
-        lines: Text below each row.
-        max_depth_m: End of the colour scale.
-    """
-    rows = [
-        [
-            hide_pixels(batch.rgb[i].numpy(), batch.is_hidden[i].numpy()),
-            *(depth_to_rgb(np.maximum(depth[i].numpy(), 1e-3), max_depth_m) for depth in depth_of.values()),
-            depth_to_rgb(batch.depth[i].numpy(), max_depth_m),
-        ]
-        for i in range(len(batch))
-    ]
-    return make_panel(("masked input", *depth_of, "true depth"), rows, lines)
 
 
 def _label(text: str, width: int) -> RGB:

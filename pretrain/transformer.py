@@ -67,14 +67,25 @@ class Attention(nn.Module):
         self, x: Float[Tensor, "B N D"], attend: Bool[Tensor, "B N"] | None = None
     ) -> Float[Tensor, "B N D"]:
         """Mix the tokens; those with ``attend`` false are looked at by nobody."""
+        weights, values = self._look(x, attend)
+        mixed = torch.bmm(weights, values)
+        return self.proj(rearrange(mixed, "(b h) n d -> b n (h d)", h=self.num_heads))
+
+    def weights(
+        self, x: Float[Tensor, "B N D"], attend: Bool[Tensor, "B N"] | None = None
+    ) -> Float[Tensor, "B heads N N"]:
+        """How much each token (rows) looks at each other (columns), in every head; rows add up to 1."""
+        return rearrange(self._look(x, attend)[0], "(b h) n m -> b h n m", h=self.num_heads)
+
+    def _look(self, x: Tensor, attend: Tensor | None) -> tuple[Tensor, Tensor]:
+        """Weights and values of every head."""
         q, k, v = rearrange(self.qkv(x), "b n (three h d) -> three (b h) n d", three=3, h=self.num_heads)
         if attend is None:
             bias, beta = q.new_zeros(1), 0
         else:
             bias, beta = _minus_infinity_where(~attend, q).repeat_interleave(self.num_heads, dim=0), 1
         scores = torch.baddbmm(bias, q, k.transpose(1, 2), beta=beta, alpha=q.shape[-1] ** -0.5)
-        mixed = torch.bmm(scores.softmax(dim=-1), v)
-        return self.proj(rearrange(mixed, "(b h) n d -> b n (h d)", h=self.num_heads))
+        return scores.softmax(dim=-1), v
 
 
 class Block(nn.Module):

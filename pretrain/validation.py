@@ -12,7 +12,7 @@ from pretrain.config import ObjectMaskConfig
 from pretrain.dataset import FrameDataset
 from pretrain.language import FrozenText
 from pretrain.losses import masked_mean, target_error
-from pretrain.mae import LanguageGroundedMAE, MAEOutput
+from pretrain.mae import LanguageGroundedMAE, MAEOutput, evaluating
 from pretrain.update import make_mae_batch, torch_seed
 
 _CHUNK = 64
@@ -52,16 +52,12 @@ def predict_image(
         text: Captions, in place of the batch's own.
         seed: Of the token masks: the same seed drops the same tokens whatever the text.
     """
-    was_training = mae.training
-    mae.eval()
     generator = torch.Generator().manual_seed(torch_seed(seed, "predict"))
     parts = []
-    try:
+    with evaluating(mae):
         for start in range(0, len(batch), _CHUNK):
             part = batch.rows(slice(start, start + _CHUNK), text).to(mae.device)
             parts.append(mae(part, mae.token_noise(len(part), generator)).image.cpu())
-    finally:
-        mae.train(was_training)
     return torch.cat(parts)
 
 

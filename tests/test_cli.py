@@ -43,6 +43,13 @@ def refuse(capsys, *arguments: str) -> str:
         (["inspect", "nowhere", "key", "--plots", "x"], "--gallery and --plots are of the whole dataset"),
         (["inspect", "nowhere", "--out", "x.png"], "--out is for one frame or --rerun"),
         (["pretrain-mae", "--data", "nowhere", "--out", "x", "--preset", "debug"], "nowhere"),
+        (["probe-mae", "--data", "nowhere", "--out", "x"], "Missing argument"),
+        (["probe-mae", "nowhere", "--data", "nowhere", "--out", "x"], "'nowhere' holds no pretrained"),
+        (["probe-mae", "nowhere", "--data", "x", "--out", "x", "--frames", "0"], "'frames': value 0 is not"),
+        (
+            ["probe-mae", "nowhere", "--data", "x", "--out", "x", "--split", "val"],
+            "'split': value 'val'",
+        ),
         (["train-agent", "--out", "x", "--preset", "debug", "--system", "hal"], "'hal'"),
         (["train-agent", "--out", "x", "--preset", "debug", "--mae", "nowhere"], "nowhere"),
         (["evaluate-agent", "nowhere"], "nowhere"),

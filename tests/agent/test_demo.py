@@ -4,6 +4,7 @@ import contextlib
 import json
 import re
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
@@ -40,7 +41,8 @@ def test_report_stands_alone_and_shows_the_numbers_on_disk(demo):
     page = report.read_text()
     assert not re.search(r"(src|href)=\"(?!data:)", page)
     assert "<script" not in page
-    error = pq.read_table(out / "probe/probe.parquet")["error_right_m"].to_numpy().mean()
+    rows = pq.read_table(out / "probe/probe.parquet").to_pylist()
+    error = np.mean([row["error_box_m"] for row in rows if row["caption"] == "right"])
     assert f"<td>{error:.3f}</td>" in page
     summary = json.loads((out / "agent/eval/summary.json").read_text())
     systems = {score["system"] for score in summary["scores"]}

@@ -4,12 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from agent.statistics import (
-    bootstrap_interval,
-    hierarchical_bootstrap_interval,
-    paired_bootstrap_interval,
-    wilson_interval,
-)
+from agent.statistics import hierarchical_bootstrap_interval, wilson_interval
+from pretrain.statistics import bootstrap_interval
 
 
 @given(st.integers(1, 500).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
@@ -26,23 +22,6 @@ def test_wilson_interval_of_published_cells():
     first, second = wilson_interval(204, 3000), wilson_interval(165, 3000)
     assert (round(100 * first.low, 1), round(100 * first.high, 1)) == (6.0, 7.8)
     assert (round(100 * second.low, 1), round(100 * second.high, 1)) == (4.7, 6.4)
-
-
-def test_bootstrap_interval_agrees_with_scipy():
-    values = np.random.default_rng(0).exponential(size=80)
-    ours = bootstrap_interval(values, np.random.default_rng(1), resamples=20_000)
-    theirs = stats.bootstrap(
-        (values,), np.mean, method="percentile", n_resamples=20_000, rng=np.random.default_rng(2)
-    ).confidence_interval
-    assert ours.mean == pytest.approx(values.mean())
-    assert ours.low == pytest.approx(theirs.low, abs=0.02)
-    assert ours.high == pytest.approx(theirs.high, abs=0.02)
-
-
-def test_intervals_repeat_with_the_same_generator():
-    values = np.arange(10.0)
-    again = [bootstrap_interval(values, np.random.default_rng(3)) for _ in range(2)]
-    assert again[0] == again[1]
 
 
 def test_seeds_that_disagree_widen_the_interval():
@@ -63,14 +42,6 @@ def test_hierarchical_interval_of_one_seed_is_the_plain_one():
     assert one.high == pytest.approx(plain.high, abs=0.03)
 
 
-def test_pairing_removes_what_the_episodes_share():
-    rng = np.random.default_rng(0)
-    difficulty = rng.normal(0, 10, 100)
-    first, second = difficulty + 0.5, difficulty + rng.normal(0, 0.1, 100)
-    paired = paired_bootstrap_interval(first, second, np.random.default_rng(1))
-    assert 0.4 < paired.low < paired.high < 0.6
-
-
 @pytest.mark.parametrize(("successes", "trials"), [(0, 0), (3, 2), (-1, 5)])
 def test_impossible_counts_are_refused(successes, trials):
     with pytest.raises(ValueError, match=f"{successes} successes of {trials} trials"):
@@ -80,10 +51,6 @@ def test_impossible_counts_are_refused(successes, trials):
 def test_missing_values_are_refused():
     rng, empty = np.random.default_rng(0), np.zeros(0)
     with pytest.raises(ValueError, match="0 values"):
-        bootstrap_interval(empty, rng)
-    with pytest.raises(ValueError, match="0 values"):
         hierarchical_bootstrap_interval([np.ones(2), empty], rng)
     with pytest.raises(ValueError, match="0 seeds"):
         hierarchical_bootstrap_interval([], rng)
-    with pytest.raises(ValueError, match="2 and 3 values"):
-        paired_bootstrap_interval(np.ones(2), np.ones(3), rng)
