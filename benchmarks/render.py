@@ -34,7 +34,7 @@ from langwm_data.config import DatasetConfig, ScenesConfig, ShardsConfig
 from langwm_data.frames import RenderWorker
 from langwm_data.plan import plan_shards
 from langwm_data.png import encode_png
-from langwm_data.scenes.spec import MaterialRef
+from langwm_data.scenes.assets import ASSETS_DIR, Assets
 from langwm_data.shards.sample import to_millimetres
 from langwm_data.shards.scenes import read_scene
 from langwm_data.sim.camera import Camera
@@ -72,12 +72,13 @@ def read_blocks(data: Path, config: DatasetConfig) -> list[Block]:
 
 def drawn_blocks(data: Path, renderer: Renderer, blocks: list[Block]) -> Iterator[list[Camera]]:
     """The cameras of each block, while the renderer holds its floor and materials."""
-    held = None
+    held, scene = None, None
     for name, materials, cameras in sorted(blocks, key=lambda block: block[0]):
         if name != held:
-            renderer.load(read_scene(data, name))
+            scene = read_scene(data, name)
+            renderer.load(scene)
             held = name
-        renderer.set_palette([MaterialRef.parse(m) for m in materials])
+        renderer.set_palette(scene.read_palette(materials))
         for camera in cameras:
             renderer.render(camera)  # draws the textures
         yield cameras
@@ -85,7 +86,7 @@ def drawn_blocks(data: Path, renderer: Renderer, blocks: list[Block]) -> Iterato
 
 def loop(data: Path, config: DatasetConfig, work: Work, clock: Clock, blocks: list[Block]) -> float:
     """Views drawn per second of ``clock``; loading floors and drawing textures is not timed."""
-    renderer, seconds, count = make_renderer(config.render), 0.0, 0
+    renderer, seconds, count = make_renderer(config.render, Assets(data / ASSETS_DIR)), 0.0, 0
     for cameras in drawn_blocks(data, renderer, blocks):
         calls = work(renderer, cameras)
         start = clock()
