@@ -15,15 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from langwm_data.labels.mesh_outline import MeshSolid, mesh_solid, mesh_spans
+from langwm_data.labels.mesh_outline import MAX_OUTSIDE_PX, MeshSolid, mesh_solid, mesh_spans
 from langwm_data.scenes.assets import NO_ASSETS, Assets
 from langwm_data.scenes.geometry import quat_matrix
 from langwm_data.scenes.spec import IDENTITY, PartSpec, Quat, SceneSpec, Shape, Vec3
 from langwm_data.sim.camera import Camera
 from langwm_data.sim.mesh import part_mesh
 
-MAX_OUTSIDE_PX = 100_000
-"""Silhouettes are cut this far from the picture: near the camera's own plane they would have no end."""
 _ROW_GROWTH = 16
 """A row outside the picture is as high as its distance from it divided by this, and at least one pixel:
 what is truncated is right to one part in a hundred."""

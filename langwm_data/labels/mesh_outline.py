@@ -2,7 +2,8 @@
 
 A mesh is looked at as two sheets, the triangles that turn towards the camera and those that turn away; a
 sheet covers a point of the picture where its outline winds around it. Edges inside a sheet cancel, so only
-the outline is projected, which is a small part of the mesh.
+the outline is projected, which is a small part of the mesh. Closed bodies cover from behind what they cover
+from before, so of them one sheet is enough.
 """
 
 from dataclasses import dataclass
@@ -13,48 +14,79 @@ from numpy.typing import NDArray
 from langwm_data.scenes.geometry import quat_matrix
 from langwm_data.scenes.meshes.triangles import TriangleMesh
 from langwm_data.scenes.spec import Quat, Vec3
+from langwm_data.sim.asset_mesh import closed_triangles
 from langwm_data.sim.camera import Camera
+
+MAX_OUTSIDE_PX = 100_000
+"""Silhouettes are cut this far from the picture: near the camera's own plane they would have no end."""
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeshSolid:
     """A mesh in world coordinates, its vertices at one place made one."""
 
-    points: Floats
-    """(P, 3), metres."""
-    triangles: Ints
-    """(T, 3), indices of points."""
+    center: Floats
+    """(3,), of the ball around it, metres."""
+    radius_m: float
+    triangles: Floats
+    """(T, 3, 3), corners, metres."""
     planes: Floats
     """(T, 4): a point x lies before a triangle where planes @ (x, 1) > 0."""
-    edges: Ints
-    """(E, 2), the points that each edge joins, the lower number first."""
-    edge_of: Ints
-    """(T, 3), the edge from each corner to the next."""
-    direction: Floats
-    """(T, 3), 1 where the triangle goes along its edge, -1 where against it."""
+    is_open: Bools
+    """(T,), whether a triangle belongs to no closed body."""
+    edges: Floats
+    """(E, 2, 3), where each edge starts and ends, metres."""
+    along: Ints
+    """(E,), the triangle that goes along each edge; T, one past the last, for none."""
+    against: Ints
+    """(E,), the triangle that goes against it."""
 
 
 def mesh_solid(mesh: TriangleMesh, position: Vec3, orientation: Quat) -> MeshSolid:
     """What silhouettes need of a mesh that stands somewhere."""
     places = mesh.vertices.astype(np.float64) @ quat_matrix(orientation).T + position
     points, same = np.unique(places, axis=0, return_inverse=True)
-    triangles = same.reshape(-1)[mesh.triangles].astype(np.int64)
-    corner, second, third = np.moveaxis(points[triangles], 1, 0)
-    normal = np.cross(second - corner, third - corner)
-    start, end = triangles, np.roll(triangles, -1, axis=1)
-    key = np.minimum(start, end) * len(points) + np.maximum(start, end)
-    edges, edge_of = np.unique(key, return_inverse=True)
+    corners = same.reshape(-1)[mesh.triangles].astype(np.int64)
+    first, second, third = np.moveaxis(points[corners], 1, 0)
+    normal = np.cross(second - first, third - first)
+    ends, along, against = _paired_edges(corners, len(points))
+    center = (points.min(axis=0) + points.max(axis=0)) / 2
     return MeshSolid(
-        points=points,
-        triangles=triangles,
-        planes=np.column_stack([normal, -(normal * corner).sum(axis=1)]),
-        edges=np.stack(np.divmod(edges, len(points)), axis=1),
-        edge_of=edge_of.reshape(-1, 3),
-        direction=np.where(start < end, 1.0, -1.0),
+        center=center,
+        radius_m=float(np.linalg.norm(points - center, axis=1).max()),
+        triangles=points[corners],
+        planes=np.column_stack([normal, -(normal * first).sum(axis=1)]),
+        is_open=~closed_triangles(points, corners),
+        edges=points[ends],
+        along=along,
+        against=against,
     )
+
+
+def _paired_edges(corners: Ints, num_points: int) -> tuple[Ints, Ints, Ints]:
+    """Ends (E, 2) of edges, each with a triangle that goes along it and one that goes against it, or none.
+
+    Where more than two triangles meet, they are paired as they come: only their sum matters.
+    """
+    start, end = corners.ravel(), np.roll(corners, -1, axis=1).ravel()
+    owner = np.repeat(np.arange(len(corners)), 3)
+    key = np.minimum(start, end) * num_points + np.maximum(start, end)
+    halves = []
+    for is_mine in (start < end, start > end):
+        order = np.argsort(key[is_mine], kind="stable")
+        keys, triangles = key[is_mine][order], owner[is_mine][order]
+        # The n-th of several on one edge meets the n-th that goes the other way.
+        turn = np.arange(len(keys)) - np.searchsorted(keys, keys)
+        halves.append((keys * len(owner) + turn, triangles))
+    names = np.union1d(halves[0][0], halves[1][0])
+    sides = np.full((2, len(names)), len(corners))
+    for side, (name, triangles) in zip(sides, halves, strict=True):
+        side[np.searchsorted(names, name)] = triangles
+    return np.stack(np.divmod(names // len(owner), num_points), axis=1), sides[0], sides[1]
 
 
 def mesh_spans(solid: MeshSolid, camera: Camera, centers: Floats) -> tuple[Ints, Floats, Floats]:
@@ -69,28 +101,32 @@ def mesh_spans(solid: MeshSolid, camera: Camera, centers: Floats) -> tuple[Ints,
     """
     pose = camera.camera_to_world
     is_front = solid.planes @ pose[:, 3] > 0
-    local = (solid.points - pose[:3, 3]) @ pose[:3, :3]
-    is_beyond = (local[:, 2] > camera.near_m)[solid.triangles].all(axis=1)
-    found = [
-        _sheet_spans(solid, local, is_beyond & is_sheet, camera, centers)
-        for is_sheet in (is_front, ~is_front)
-    ]
+    is_back = solid.is_open & ~is_front
+    if (solid.center - pose[:3, 3]) @ pose[:3, 2] - solid.radius_m <= camera.near_m:
+        is_beyond = ((solid.triangles - pose[:3, 3]) @ pose[:3, 2] > camera.near_m).all(axis=1)
+        # A body that is cut open is no longer closed.
+        is_back = (is_back if is_beyond.all() else ~is_front) & is_beyond
+        is_front &= is_beyond
+    sheets = [sheet for sheet in (is_front, is_back) if sheet.any()]
+    found = [_sheet_spans(solid, sheet, camera, centers) for sheet in sheets] or [_NOTHING]
     rows, left, right = (np.concatenate(values) for values in zip(*found, strict=True))
     return rows, left, right
 
 
+_NOTHING: tuple[Ints, Floats, Floats] = (np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
+
+
 def _sheet_spans(
-    solid: MeshSolid, local: Floats, is_in: NDArray[np.bool_], camera: Camera, centers: Floats
+    solid: MeshSolid, is_in: Bools, camera: Camera, centers: Floats
 ) -> tuple[Ints, Floats, Floats]:
     """The runs of one sheet: where its outline, walked from left to right, winds around the points."""
-    winding = np.bincount(
-        solid.edge_of[is_in].ravel(), solid.direction[is_in].ravel(), minlength=len(solid.edges)
-    )
+    counts = np.append(is_in, False).view(np.int8)
+    winding = counts[solid.along] - counts[solid.against]
     outline = np.flatnonzero(winding)
-    ends = local[solid.edges[outline]]
-    middle = (camera.width / 2, camera.height / 2)
-    pixels = ends[..., :2] / ends[..., 2:] * camera.focal_px + middle
-    x, y = pixels[..., 0], pixels[..., 1]
+    pose = camera.camera_to_world
+    ends = (solid.edges[outline].reshape(-1, 3) - pose[:3, 3]) @ pose[:3, :3]
+    pixels = ends[:, :2] / ends[:, 2:] * camera.focal_px + (camera.width / 2, camera.height / 2)
+    x, y = pixels.reshape(-1, 2, 2).transpose(2, 0, 1)
     at = np.searchsorted(centers, y)
     first, last = at.min(axis=1), at.max(axis=1)
     turn = winding[outline] * np.sign(at[:, 1] - at[:, 0])
@@ -99,10 +135,12 @@ def _sheet_spans(
     with np.errstate(divide="ignore", invalid="ignore"):  # level edges cross no row
         slope = (x[:, 1] - x[:, 0]) / (y[:, 1] - y[:, 0])
     crossing = x[which, 0] + (centers[row] - y[which, 0]) * slope[which]
-    order = np.lexsort((crossing, row))
+    # One number to sort by is several times as quick as two.
+    crossing = np.clip(crossing, -MAX_OUTSIDE_PX, MAX_OUTSIDE_PX)
+    order = np.argsort(crossing + row * (4.0 * MAX_OUTSIDE_PX))
     row, crossing = row[order], crossing[order]
     # Each row adds up to zero, so the sum over all rows one after another does for each.
-    around = np.rint(np.cumsum(turn[which][order])).astype(np.int64)
-    begins = (around != 0) & (np.concatenate([[0], around[:-1]]) == 0)
-    stops = (around == 0) & (np.concatenate([[0], around[:-1]]) != 0)
+    around = np.cumsum(turn[which][order])
+    before = np.concatenate([[0], around[:-1]])
+    begins, stops = (around != 0) & (before == 0), (around == 0) & (before != 0)
     return row[begins], crossing[begins], crossing[stops]
