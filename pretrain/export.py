@@ -45,7 +45,7 @@ class Encoder(nn.Module):
 
     def forward(self, rgb: UInt8[Tensor, "B H W 3"]) -> Float[Tensor, "B cls_and_N D"]:
         """Features of frames; see ``LanguageGroundedMAE.encode``."""
-        return self.mae.encode_tokens(self.mae.patchify(rgb), self.mae.null_text(rgb.shape[0])).float()
+        return self.mae.features(rgb)
 
 
 def export_encoder(mae: LanguageGroundedMAE) -> torch.export.ExportedProgram:

@@ -210,10 +210,17 @@ class LanguageGroundedMAE(nn.Module):
             batch: On the device of the weights.
             noise: From ``token_noise``.
         """
-        visual = self.patchify(batch.rgb, batch.is_hidden)
-        ids_keep, ids_restore = random_masking(noise, self.config.num_kept)
+        return self._predict(
+            self.patchify(batch.rgb, batch.is_hidden), batch.text, noise, self.config.num_kept
+        )
+
+    def _predict(
+        self, visual: Float[Tensor, "B N D"], text: TextTokens, noise: Float[Tensor, "B N"], num_kept: int
+    ) -> MAEOutput:
+        """The target and the reward from the ``num_kept`` visual tokens with the least noise."""
+        ids_keep, ids_restore = random_masking(noise, num_kept)
         ids_keep, ids_restore = ids_keep.to(visual.device), ids_restore.to(visual.device)
-        tokens = self.encode_tokens(_take(visual, ids_keep), batch.text)
+        tokens = self.encode_tokens(_take(visual, ids_keep), text)
         image, reward = self.decode_tokens(tokens, ids_restore)
         return MAEOutput(image=image, reward=reward)
 
@@ -251,11 +258,8 @@ class LanguageGroundedMAE(nn.Module):
         with evaluating(self):
             # Among the tokens that stay, and among those that go, the order is kept.
             noise = is_dropped.float() + torch.arange(num_patches, device=rgb.device) / (2 * num_patches)
-            ids_keep, ids_restore = random_masking(noise, num_patches - counts.pop())
-            visual = _take(self.patchify(rgb, is_hidden), ids_keep)
-            tokens = self.encode_tokens(visual, self.null_text(len(rgb)) if text is None else text)
-            image, reward = self.decode_tokens(tokens, ids_restore)
-        return MAEOutput(image=image, reward=reward)
+            told = self.null_text(len(rgb)) if text is None else text
+            return self._predict(self.patchify(rgb, is_hidden), told, noise, num_patches - counts.pop())
 
     @torch.no_grad()
     def encode(self, rgb: UInt8[Tensor, "B H W 3"]) -> Float[Tensor, "B cls_and_N D"]:
@@ -269,7 +273,11 @@ class LanguageGroundedMAE(nn.Module):
         """
         self._check_size(rgb)
         with evaluating(self):
-            return self.encode_tokens(self.patchify(rgb), self.null_text(len(rgb))).float()
+            return self.features(rgb)
+
+    def features(self, rgb: UInt8[Tensor, "B H W 3"]) -> Float[Tensor, "B cls_and_N D"]:
+        """What ``encode`` gives, as a plain function of tensors: with gradients, in the mode of the model."""
+        return self.encode_tokens(self.patchify(rgb), self.null_text(rgb.shape[0])).float()
 
     def _check_size(self, rgb: Tensor) -> None:
         expected = (self.config.height, self.config.width, 3)

@@ -99,8 +99,8 @@ def mae_update(
     device, num_rows = mae.device, len(batch)
     batch = batch.to(device)
     generator = torch.Generator().manual_seed(torch_seed(seed, "tokens", step))
-    noise = mae.token_noise(num_rows * team.size, generator)
-    noise = noise[team.rank * num_rows : (team.rank + 1) * num_rows].to(device)
+    own = team.rows(num_rows * team.size)
+    noise = mae.token_noise(num_rows * team.size, generator)[own.start : own.stop].to(device)
     counts = team.add(loss_counts(batch, mae.config))
     others = [] if device.type == "cpu" else [device]
     size = num_rows // optimizer.config.accumulate

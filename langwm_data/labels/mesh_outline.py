@@ -7,6 +7,7 @@ from before, so of them one sheet is enough.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from langwm_data.scenes.geometry import quat_matrix
 from langwm_data.scenes.meshes.triangles import TriangleMesh
 from langwm_data.scenes.spec import Quat, Vec3
-from langwm_data.sim.asset_mesh import closed_triangles
+from langwm_data.sim.asset_mesh import asset_mesh
 from langwm_data.sim.camera import Camera
 
 MAX_OUTSIDE_PX = 100_000
@@ -48,23 +49,44 @@ class MeshSolid:
 
 def mesh_solid(mesh: TriangleMesh, position: Vec3, orientation: Quat) -> MeshSolid:
     """What silhouettes need of a mesh that stands somewhere."""
-    places = mesh.vertices.astype(np.float64) @ quat_matrix(orientation).T + position
-    points, same = np.unique(places, axis=0, return_inverse=True)
-    corners = same.reshape(-1)[mesh.triangles].astype(np.int64)
+    form = _form(mesh)
+    points = form.points.astype(np.float64) @ quat_matrix(orientation).T + position
+    corners = form.corners
     first, second, third = np.moveaxis(points[corners], 1, 0)
     normal = np.cross(second - first, third - first)
-    ends, along, against = _paired_edges(corners, len(points))
     center = (points.min(axis=0) + points.max(axis=0)) / 2
     return MeshSolid(
         center=center,
         radius_m=float(np.linalg.norm(points - center, axis=1).max()),
         triangles=points[corners],
         planes=np.column_stack([normal, -(normal * first).sum(axis=1)]),
-        is_open=~closed_triangles(points, corners),
-        edges=points[ends],
-        along=along,
-        against=against,
+        is_open=asset_mesh(mesh).is_two_sided,
+        edges=points[form.ends],
+        along=form.along,
+        against=form.against,
     )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Form:
+    """What of a mesh does not depend on where it stands; see ``MeshSolid``."""
+
+    points: NDArray[np.float32]
+    """(P, 3), each once, in the frame of the mesh."""
+    corners: Ints
+    """(T, 3), indices of points."""
+    ends: Ints
+    """(E, 2), indices of points."""
+    along: Ints
+    against: Ints
+
+
+@lru_cache(maxsize=1024)
+def _form(mesh: TriangleMesh) -> _Form:
+    points, same = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    corners = same.reshape(-1)[mesh.triangles].astype(np.int64)
+    ends, along, against = _paired_edges(corners, len(points))
+    return _Form(points=points, corners=corners, ends=ends, along=along, against=against)
 
 
 def _paired_edges(corners: Ints, num_points: int) -> tuple[Ints, Ints, Ints]:

@@ -10,12 +10,11 @@ import re
 from functools import lru_cache
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from langwm_data import atomic
-from langwm_data.scenes.meshes.images import image_size
+from langwm_data.scenes.meshes.images import image_size, square_picture
 from langwm_data.scenes.meshes.store import MAX_FILE_BYTES, read_mesh, write_mesh
 from langwm_data.scenes.meshes.triangles import TriangleMesh
 from langwm_data.scenes.spec import SceneSpec
@@ -49,11 +48,7 @@ class Assets:
         data = self.read(label)
         if max(image_size(data, label)) > MAX_PICTURE_SIDE:
             raise ValueError(f"{label}: a picture with a side of more than {MAX_PICTURE_SIDE} pixels")
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB)
-        if image is None:
-            raise ValueError(f"{label}: a damaged picture")
-        area = cv2.INTER_AREA if max(image.shape) > size_px else cv2.INTER_LINEAR
-        return np.asarray(cv2.resize(image, (size_px, size_px), interpolation=area), np.uint8)
+        return square_picture(data, size_px, label)
 
     def read(self, file: str) -> bytes:
         """The bytes of ``<sha256>.npz`` or ``<sha256>.png``.

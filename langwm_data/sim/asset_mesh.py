@@ -56,7 +56,7 @@ def asset_mesh(source: TriangleMesh) -> AssetMesh:
         ),
         face_group=group[first].astype(np.int32),
         face_tile_m=tile_m,
-        is_two_sided=~closed_triangles(vertices, triangles),
+        is_two_sided=~_closed(vertices, triangles),
         materials=source.materials,
     )
 
@@ -77,7 +77,7 @@ def _smooth_pieces(triangles: Ints, num_vertices: int) -> NDArray[np.int32]:
     return connected_components(links, directed=False)[1]
 
 
-def closed_triangles(vertices: Floats, triangles: NDArray[np.integer]) -> NDArray[np.bool_]:
+def _closed(vertices: Floats, triangles: Ints) -> NDArray[np.bool_]:
     """(T,), whether a triangle belongs to a body without holes whose outside is its outside.
 
     Along each edge of such a body as many triangles go one way as the other, and its volume is positive.

@@ -3,11 +3,11 @@
 Owns how large the picture of each is, in texels, and where it comes from.
 """
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from langwm_data.scenes.assets import Assets
+from langwm_data.scenes.meshes.images import image_size, square_picture
 from langwm_data.scenes.meshes.triangles import Material
 from langwm_data.scenes.spec import MaterialRef
 from langwm_data.scenes.textures import texture_image, tile_size_m
@@ -44,10 +44,7 @@ def texture_picture(texture: Texture, assets: Assets, texture_px: int) -> Pictur
     if texture.texture is None:
         color = np.rint(np.array(texture.color) * 255).astype(np.uint8)
         return np.broadcast_to(color, (FLAT_PX, FLAT_PX, 3))
-    image = cv2.imdecode(np.frombuffer(texture.texture, np.uint8), cv2.IMREAD_COLOR_RGB)
-    if image is None:
-        raise ValueError("a mesh has a texture that is damaged")
-    size = min(1 << (max(image.shape[:2]) - 1).bit_length(), 2 * texture_px)
-    size = max(size, FLAT_PX)
-    how = cv2.INTER_AREA if max(image.shape) > size else cv2.INTER_LINEAR
-    return np.asarray(cv2.resize(image, (size, size), interpolation=how), np.uint8)
+    label = "the texture of a mesh"
+    longest = max(image_size(texture.texture, label))
+    size = max(min(1 << (longest - 1).bit_length(), 2 * texture_px), FLAT_PX)
+    return square_picture(texture.texture, size, label)

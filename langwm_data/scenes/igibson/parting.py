@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from langwm_data.scenes.igibson.meshes import Floats, Piece, cut
+from langwm_data.scenes.meshes.pieces import halved
 from langwm_data.scenes.meshes.triangles import MAX_TRIANGLES
 
 MIN_EDGE_M = 0.1
@@ -47,13 +48,15 @@ def part_by_room(piece: Piece, rooms_at: Callable[[Floats], Ints]) -> dict[int, 
     corners, num_triangles = columns[mesh.triangles], 0
     while len(corners):
         rooms = _rooms(corners, rooms_at)
-        longest = _edges(corners).max(axis=1)
+        edges = _edges(corners)
+        longest = edges.max(axis=1)
         is_mixed = (rooms != rooms[:, :1]).any(axis=1)
         num_triangles += len(corners)
         goes_on = (longest > MAX_EDGE_M) | (is_mixed & (longest > MIN_EDGE_M))
         goes_on &= num_triangles < MOST_TRIANGLES
         done.append((corners[~goes_on], group[~goes_on], rooms[~goes_on, -1]))
-        corners, group = _halved(corners[goes_on]), np.repeat(group[goes_on], 2)
+        corners = halved(corners[goes_on], edges[goes_on].argmax(axis=1))
+        group = np.repeat(group[goes_on], 2)
     corners, group, owner = (np.concatenate(arrays) for arrays in zip(*done, strict=True))
     order = np.argsort(group, kind="stable")
     return cut(_assembled(piece, corners[order], group[order]), owner[order])
@@ -71,16 +74,6 @@ def _rooms(corners: Floats, rooms_at: Callable[[Floats], Ints]) -> Ints:
 def _edges(corners: Floats) -> Floats:
     """(T, 3): the length of the edge from each corner to the next."""
     return np.linalg.norm(np.roll(corners, -1, axis=1)[..., :3] - corners[..., :3], axis=2)
-
-
-def _halved(corners: Floats) -> Floats:
-    """(2 T, 3, C): each triangle parted from the middle of its longest edge to the corner across."""
-    first = _edges(corners).argmax(axis=1)
-    turned = np.take_along_axis(corners, ((first[:, None] + np.arange(3)) % 3)[..., None], axis=1)
-    a, b, c = np.moveaxis(turned, 1, 0)
-    middle = (a + b) / 2
-    halves = np.stack([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)], axis=1)
-    return halves.reshape(-1, 3, corners.shape[2])
 
 
 def _assembled(piece: Piece, corners: Floats, group: Ints) -> Piece:

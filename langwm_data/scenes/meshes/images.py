@@ -44,6 +44,19 @@ def texture_png(data: bytes, label: str) -> bytes:
     return _encoded(_shrunk(_colored(np.asarray(image))))
 
 
+def square_picture(png: bytes, size_px: int, label: str) -> NDArray[np.uint8]:
+    """A PNG in colour as a square (size_px, size_px, 3), without its alpha.
+
+    Raises:
+        ValueError: If it is damaged.
+    """
+    image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR_RGB)
+    if image is None:
+        raise ValueError(f"{label}: a damaged picture")
+    how = cv2.INTER_AREA if max(image.shape) > size_px else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(image, (size_px, size_px), interpolation=how), np.uint8)
+
+
 def image_size(data: bytes, label: str) -> tuple[int, int]:
     """Width and height in pixels as the head of a PNG or JPEG states them.
 

@@ -51,7 +51,7 @@ def cut(mesh: TriangleMesh) -> Pieces:
         is_long = lengths.max(axis=1, initial=0) > max_edge_m
         done_corners.append(open_corners[~is_long])
         done_groups.append(open_groups[~is_long])
-        open_corners = _halved(open_corners[is_long], lengths[is_long].argmax(axis=1))
+        open_corners = halved(open_corners[is_long], lengths[is_long].argmax(axis=1))
         open_groups = np.repeat(open_groups[is_long], 2)
         if not len(open_corners):
             break
@@ -67,8 +67,8 @@ def cut(mesh: TriangleMesh) -> Pieces:
     )
 
 
-def _halved(corners: Floats, edge: Ints) -> Floats:
-    """(2 N, 3, 5): each triangle cut in two at the middle of one of its edges."""
+def halved(corners: Floats, edge: Ints) -> Floats:
+    """(2 N, 3, C): each triangle cut in two at the middle of one of its edges."""
     turned = np.take_along_axis(corners, (edge[:, None, None] + np.arange(3)[:, None]) % 3, axis=1)
     first, second, third = turned[:, 0], turned[:, 1], turned[:, 2]
     middle = (first + second) / 2

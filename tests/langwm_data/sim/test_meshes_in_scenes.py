@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from backends import gl_opens
 from mesh_scenes import (
     BOARD,
     ORANGE,
@@ -17,24 +18,14 @@ from mesh_scenes import (
 )
 
 from langwm_data.config import CameraConfig, LightsConfig, RenderConfig
-from langwm_data.config_io import ConfigError
 from langwm_data.scenes.assets import Assets
 from langwm_data.scenes.spec import MaterialRef, MeshSpec
-from langwm_data.sim import gl_device
 from langwm_data.sim.asset_mesh import asset_mesh
 from langwm_data.sim.camera import Camera
 from langwm_data.sim.render import make_renderer
 from langwm_data.sim.scene_mesh import scene_mesh
 
 SIZE = CameraConfig(height=96, width=120)
-
-
-def gl_opens():
-    try:
-        gl_device.gl_device(0)
-    except ConfigError:
-        return False
-    return True
 
 
 ALL = [

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from backends import gl_opens
 
 from langwm_data.config import CameraConfig, LightsConfig, RandomizeConfig, RenderConfig, RobotConfig
 from langwm_data.config_io import ConfigError
@@ -27,14 +28,6 @@ from langwm_data.sim.world import bake_home
 SMALL = CameraConfig(height=64, width=80)
 VIEWS = [((3.5, 0.4), 2.4), ((0.5, 1.5), 0.1), ((2.0, 2.0), -1.2), ((3.0, 1.45), 0.05)]
 OTHER_PALETTE = ("bricks/01", "tiles/02", "plaster/02", "planks/01", "leather/01", "metal/04")
-
-
-def gl_opens():
-    try:
-        gl_device.gl_device(0)
-    except ConfigError:
-        return False
-    return True
 
 
 needs_gl = pytest.mark.skipif(not gl_opens(), reason="no EGL device opens on this machine")
