@@ -1,6 +1,6 @@
 """Scenes with their loose things at rest: settled by physics, or read from a dataset that has them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache, lru_cache
 from pathlib import Path
 
@@ -11,6 +11,7 @@ from langwm_data.scenes.homes import Homes
 from langwm_data.scenes.igibson.source import IGibson
 from langwm_data.scenes.source import SceneSource
 from langwm_data.scenes.spec import SceneSpec, Split
+from langwm_data.scenes.splits import EVERYTHING, HeldOut
 from langwm_data.shards.manifest import GENERATOR, Manifest, read_manifest
 from langwm_data.shards.scenes import read_scene, scene_path
 from langwm_data.sim.bullet import describe_physics
@@ -20,12 +21,13 @@ from langwm_data.sim.settle import settle
 class SceneLibrary:
     """All floors that a config offers. Made by ``open_scenes``."""
 
-    def __init__(self, config: ScenesConfig) -> None:
+    def __init__(self, config: ScenesConfig, holds_out: Sequence[HeldOut]) -> None:
         self._folder = None if config.baked is None else Path(config.baked)
         manifest = None if self._folder is None else read_manifest(self._folder)
-        source = _source(config, manifest)
+        source = _source(config, manifest, holds_out)
         if self._folder is not None and manifest is not None:
             _check_origin(self._folder, manifest, config, source.identity)
+            _check_held_out(self._folder, manifest, holds_out)
         self._source = source
         self.identity: Mapping[str, str] = source.identity
         """SHA-256 of the files of others that scenes are made from, by field; see ``SceneSource``."""
@@ -91,13 +93,17 @@ class SceneLibrary:
 
 
 @cache
-def open_scenes(config: ScenesConfig) -> SceneLibrary:
+def open_scenes(config: ScenesConfig, holds_out: tuple[HeldOut, ...] = EVERYTHING) -> SceneLibrary:
     """The floors that ``config`` offers; opened once in a process.
+
+    Args:
+        config: Where they come from.
+        holds_out: What floors for test do not share with those for training.
 
     Raises:
         ValueError: If what ``scenes.baked`` names is no finished dataset, or one of other scenes.
     """
-    return SceneLibrary(config)
+    return SceneLibrary(config, holds_out)
 
 
 class _OnlyBaked:
@@ -118,16 +124,16 @@ class _OnlyBaked:
         raise ValueError(f"scene {name!r} is not in the dataset that scenes.baked names; allowed: {allowed}")
 
 
-def _source(config: ScenesConfig, baked: Manifest | None) -> SceneSource:
+def _source(config: ScenesConfig, baked: Manifest | None, holds_out: Sequence[HeldOut]) -> SceneSource:
     is_named = config.furniture is not None or config.igibson is not None
     if baked is not None and baked.sources and not is_named:
         return _OnlyBaked(baked)
     if config.igibson is not None:
         return IGibson(Path(config.igibson), config.seed)
     if config.furniture is None:
-        return Homes(config.seed)
+        return Homes(config.seed, holds_out=holds_out)
     try:
-        return Homes(config.seed, Path(config.furniture))
+        return Homes(config.seed, Path(config.furniture), holds_out)
     except ValueError as error:
         raise ConfigError(
             f"field 'scenes.furniture': value {config.furniture!r} cannot be used: {error};"
@@ -155,6 +161,14 @@ def _check_origin(
         raise ConfigError(
             f"field 'scenes.baked': value {str(folder)!r} holds scenes made from"
             f" {_listed(manifest.sources)}; allowed: a dataset of scenes made from {_listed(identity)}"
+        )
+
+
+def _check_held_out(folder: Path, manifest: Manifest, holds_out: Sequence[HeldOut]) -> None:
+    if manifest.holds_out != tuple(holds_out):
+        raise ConfigError(
+            f"field 'scenes.baked': value {str(folder)!r} holds scenes of splits.holds_out"
+            f" {list(manifest.holds_out)}; allowed: a dataset of splits.holds_out {list(holds_out)}"
         )
 
 

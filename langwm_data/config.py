@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field
 
 from langwm_data.config_io import ConfigError, config
+from langwm_data.scenes.splits import EVERYTHING, HeldOut
 
 Positive = Annotated[float, Field(gt=0)]
 PositiveInt = Annotated[int, Field(ge=1)]
@@ -79,6 +80,21 @@ class SplitsConfig:
     """How frames are divided between training and test floors."""
 
     test_fraction: Fraction = 0.1
+    holds_out: tuple[HeldOut, ...] = EVERYTHING
+    """What test frames show that training frames do not; in all else they show what training frames do. With
+    fewer than all, a dataset tells what of the unseen it is that matters. Source: ours (ADR-0015)."""
+
+    def __post_init__(self) -> None:
+        """Refuse names given twice or in another order, and frames that two floors of one name would share."""
+        if self.holds_out != tuple(what for what in EVERYTHING if what in self.holds_out):
+            raise ConfigError(
+                f"splits.holds_out {list(self.holds_out)} is not some of {list(EVERYTHING)}, in this order"
+            )
+        if "buildings" not in self.holds_out and self.test_fraction != 1:
+            raise ConfigError(
+                f"splits.holds_out {list(self.holds_out)} without buildings needs splits.test_fraction 1, not"
+                f" {self.test_fraction}: its frames are of floors that the training split has too"
+            )
 
 
 @config
@@ -207,12 +223,21 @@ class DatasetConfig:
     shards: ShardsConfig = field(default_factory=ShardsConfig)
 
     def __post_init__(self) -> None:
-        """Refuse cameras in things, lights that the renderer does not have, and too many shards."""
+        """Refuse what cannot be rendered, or would not be what it says."""
         if self.frames > _MAX_SHARDS * self.shards.samples_per_shard:
             raise ConfigError(
                 f"frames {self.frames} with shards.samples_per_shard {self.shards.samples_per_shard} make"
                 f" more than {_MAX_SHARDS} shards; allowed: larger shards or fewer frames"
             )
+        holds_out = list(self.splits.holds_out)
+        if self.splits.holds_out != EVERYTHING:
+            if self.scenes.igibson is not None:
+                raise ConfigError(f"splits.holds_out {holds_out} is for homes, not for scenes.igibson")
+            if "models" in holds_out and self.scenes.furniture is None:
+                raise ConfigError(
+                    f"splits.holds_out {holds_out} needs scenes.furniture: both splits show the same"
+                    " procedural furniture"
+                )
         if self.randomize.lights != "fixed" and self.render.backend == "tiny":
             raise ConfigError(
                 f"randomize.lights {self.randomize.lights} needs render.backend auto, gl or embree"

@@ -80,12 +80,12 @@ def estimate(config: DatasetConfig, *, workers: int = 1, shards: range | None = 
     Raises:
         ConfigError: If ``config`` cannot be rendered, or has no such shards.
     """
-    open_scenes(config.scenes).check_whole()
+    open_scenes(config.scenes, config.splits.holds_out).check_whole()
     tasks = plan_shards(config) if shards is None else tasks_in_range(config, shards)
     floors = scenes_of(config, tasks)
     plans = _sample_plans(config, tasks[0])
     shown = list(dict.fromkeys(plan.scene for plan in plans))
-    physics = open_scenes(config.scenes).physics
+    physics = open_scenes(config.scenes, config.splits.holds_out).physics
     bake = [BakeTask(scene=scene, physics=physics) for scene in shown]
     with (
         tempfile.TemporaryDirectory(prefix="langwm-plan-") as name,

@@ -10,6 +10,8 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from langwm_data.scenes.splits import EVERYTHING
+
 _PLACES = ("baked", "furniture", "igibson")
 """Of ``config.scenes``: they say where things lie, not what they are."""
 
@@ -34,10 +36,12 @@ def fingerprint_of(
         schema_version: Of the dataset.
     """
     values = copy.deepcopy(dict(config))
-    scenes = values.get("scenes")
+    scenes, splits = values.get("scenes"), values.get("splits")
     if isinstance(scenes, dict):
         for name in _PLACES:
             scenes.pop(name, None)
+    if isinstance(splits, dict) and splits.get("holds_out") == list(EVERYTHING):
+        del splits["holds_out"]  # as it was before there was a choice, so that older datasets keep theirs
     value = {
         "config": values,
         "sources": dict(sources),

@@ -103,7 +103,7 @@ class RenderWorker:
     def __call__(self, task: BakeTask | ShardTask, report: Report) -> None:
         """Do one task; ``report`` hears of every finished frame."""
         if isinstance(task, BakeTask):
-            library = open_scenes(self._config.scenes)
+            library = open_scenes(self._config.scenes, self._config.splits.holds_out)
             if library.physics != task.physics:
                 raise ConfigError(
                     f"scene {task.scene!r} would be settled by {library.physics} here;"
@@ -183,14 +183,14 @@ class RenderWorker:
     def _draw_scene(self, plan: FramePlan, occasion: Occasion) -> SceneSpec:
         scene = self._floor(plan.scene).scene
         scene = scene.with_palette(draw_palette(self._config, occasion, scene, plan.split))
-        check_palette(scene)
+        check_palette(scene, self._config.splits.holds_out)
         return scene
 
     def _floor(self, name: str) -> Floor:
         """One of the few floors of the dataset; all are kept."""
         if name not in self._floors:
             scene = read_scene(self._folder, name)
-            check_models(scene)
+            check_models(scene, self._config.splits.holds_out)
             self._floors[name] = Floor(
                 scene=scene,
                 free=camera_space(scene, self._config),

@@ -5,7 +5,7 @@ Any worker can draw them for any frame, and whoever has the configuration and th
 
 from langwm_data.config import DatasetConfig
 from langwm_data.scenes.spec import MaterialRef, SceneSpec, Split
-from langwm_data.scenes.splits import sample_palette
+from langwm_data.scenes.splits import sample_palette, side_of
 from langwm_data.seeding import make_rng
 from langwm_data.sim.lights import Lights, sample_lights
 
@@ -32,8 +32,9 @@ def _occasion(config: DatasetConfig, what: str, every: str, split: Split, number
 def draw_palette(
     config: DatasetConfig, occasion: Occasion, scene: SceneSpec, split: Split
 ) -> tuple[MaterialRef, ...]:
-    """A material of ``split`` for every slot of ``scene``."""
-    return sample_palette(make_rng(config.seed, *occasion), scene.slots, split, scene.pictures)
+    """A material that ``split`` may show for every slot of ``scene``."""
+    side = side_of(split, "textures", config.splits.holds_out)
+    return sample_palette(make_rng(config.seed, *occasion), scene.slots, side, scene.pictures)
 
 
 def draw_lights(config: DatasetConfig, occasion: Occasion) -> Lights:

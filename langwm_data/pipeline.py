@@ -69,7 +69,7 @@ def render_dataset(
         ChildProcessError: If a worker process is killed; complete shards are kept.
     """
     check_engine(engine, workers)
-    open_scenes(config.scenes).check_whole()
+    open_scenes(config.scenes, config.splits.holds_out).check_whole()
     mark = fingerprint(config)  # refuses a renderer that does not open, before anything is written
     with open_output(out, fresh=fresh) as output:
         output.claim(config, fresh=fresh)
@@ -113,7 +113,7 @@ def render_range(
         ChildProcessError: As ``render_dataset``.
     """
     check_engine(engine, workers)
-    open_scenes(config.scenes).check_whole()
+    open_scenes(config.scenes, config.splits.holds_out).check_whole()
     tasks = tasks_in_range(config, shards)
     mark = fingerprint(config)
     with open_output(out, fresh=False) as output:
@@ -136,7 +136,7 @@ def fingerprint(config: DatasetConfig, made: Manifest | None = None) -> str:
         ValueError: If the scenes or the renderer cannot be had on this machine.
     """
     if made is None:
-        library = open_scenes(config.scenes)
+        library = open_scenes(config.scenes, config.splits.holds_out)
         sources, physics = library.identity, library.physics
     else:
         sources, physics = made.sources, made.physics
@@ -211,7 +211,7 @@ def _render(
     if there:
         _log.info("%d of %d shards are there; going on with the rest", len(there), len(tasks))
     floors = [s for s in scenes_of(config, tasks) if not scene_path(output.folder, s).is_file()]
-    bake = [BakeTask(scene=name, physics=open_scenes(config.scenes).physics) for name in floors]
+    bake = [BakeTask(scene=name, physics=open_scenes(config.scenes, config.splits.holds_out).physics) for name in floors]
     total = sum(task.stop - task.start for task in tasks)
     done = total - sum(task.stop - task.start for task in todo)
 
@@ -241,7 +241,7 @@ def _finish_if_last(config: DatasetConfig, output: Output) -> bool:
 
 
 def _origin(config: DatasetConfig) -> Origin:
-    camera, library = Camera.on_robot(config.camera, (0.0, 0.0), 0.0), open_scenes(config.scenes)
+    camera, library = Camera.on_robot(config.camera, (0.0, 0.0), 0.0), open_scenes(config.scenes, config.splits.holds_out)
     return Origin(
         generator=GENERATOR,
         fingerprint=fingerprint(config),

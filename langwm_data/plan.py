@@ -92,7 +92,7 @@ def plan_frame(config: DatasetConfig, split: Split, number: int) -> FramePlan:
 
 def scene_of_block(config: DatasetConfig, split: Split, block: int) -> str:
     """The floor that a block shows: each floor once, in random order, before any comes again."""
-    names = open_scenes(config.scenes).names(split)
+    names = open_scenes(config.scenes, config.splits.holds_out).names(split)
     turn, place = divmod(block, len(names))
     return names[_order(config.seed, split, turn, len(names))[place]]
 

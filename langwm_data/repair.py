@@ -76,7 +76,7 @@ def repair_dataset(
     names = sorted({name for split in manifest.splits.values() for name in split.scenes})
     scenes = [name for name in names if scene_file(name) in damaged]
     scenes += _scenes_with_damaged_assets(folder, set(names) - set(scenes), damaged)
-    if scenes and dict(open_scenes(config.scenes).identity) != manifest.sources:
+    if scenes and dict(open_scenes(config.scenes, config.splits.holds_out).identity) != manifest.sources:
         raise DatasetError(
             f"{folder}: its scenes were made from other files than those that its configuration names now"
         )

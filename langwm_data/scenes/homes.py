@@ -33,7 +33,7 @@ from langwm_data.scenes.spec import (
     SurfaceKind,
     SurfaceSpec,
 )
-from langwm_data.scenes.splits import BUILDINGS, sample_palette, split_of_scene
+from langwm_data.scenes.splits import BUILDINGS, EVERYTHING, HeldOut, sample_palette, side_of, split_of_scene
 from langwm_data.scenes.walls import room_pieces
 from langwm_data.seeding import make_rng
 
@@ -68,12 +68,16 @@ class Homes:
 
     is_at_rest = False
 
-    def __init__(self, seed: int, furniture: Path | None = None) -> None:
+    def __init__(
+        self, seed: int, furniture: Path | None = None, holds_out: Sequence[HeldOut] = EVERYTHING
+    ) -> None:
         """Homes of a seed; no floor is made yet.
 
         Args:
             seed: Of plans, furnishing and palettes.
             furniture: Folder of Sweet Home 3D catalogues.
+            holds_out: What floors for test do not share with those for training. Without buildings, all
+                floors that there are for training are for test as well, and are made for test.
 
         Raises:
             ValueError: If there is no catalogue in that folder, or one is damaged.
@@ -83,11 +87,11 @@ class Homes:
         self.identity: Mapping[str, str] = (
             {} if self._furniture is None else {"furniture": self._furniture.identity}
         )
-        self._seed = seed
+        self._seed, self._holds_out = seed, tuple(holds_out)
 
     def names(self, split: Split | None = None) -> tuple[str, ...]:
         """Names of all floors, or of those of one split."""
-        return scene_names(split)
+        return scene_names(split and side_of(split, "buildings", self._holds_out))
 
     def make(self, name: str) -> SceneSpec:
         """One floor.
@@ -95,21 +99,25 @@ class Homes:
         Raises:
             ValueError: If there is no floor of that name, or a catalogue is damaged.
         """
-        return make_home(name, seed=self._seed, furniture=self._furniture)
+        return make_home(
+            name, seed=self._seed, furniture=self._furniture, holds_out=self._holds_out
+        )
 
 
-def make_home(name: str, *, seed: int, furniture: Furniture | None = None) -> SceneSpec:
+def make_home(
+    name: str, *, seed: int, furniture: Furniture | None = None, holds_out: Sequence[HeldOut] = EVERYTHING
+) -> SceneSpec:
     """The floor called ``name``: rooms, furniture, and a palette drawn for its own split.
 
-    The same name, seed and catalogues give the same scene. Loose objects are not settled yet.
+    The same name, seed, catalogues and ``holds_out`` give the same scene. Loose objects are not settled yet.
 
     Raises:
         ValueError: If there is no floor of that name.
     """
-    split = split_of_scene(name)
+    split = split_of_scene(name) if "buildings" in holds_out else "test"
     building, _, number = name.rpartition("_")
     floor = int(number)
-    offer = None if furniture is None else Offer(furniture, split, seed, building)
+    offer = None if furniture is None else Offer(furniture, side_of(split, "models", holds_out), seed, building)
     style = sample_style(seed, building, offer)
     plan = sample_plan(make_rng(seed, "plan", name), plan_kind(seed, building, floor))
     placements = _furnish(plan, style, seed, name)
@@ -131,7 +139,7 @@ def make_home(name: str, *, seed: int, furniture: Furniture | None = None) -> Sc
         surfaces=tuple(surfaces),
         objects=tuple(objects),
         slots=tuple(slots.slots),
-        palette=sample_palette(make_rng(seed, "palette", name), slots.slots, split),
+        palette=sample_palette(make_rng(seed, "palette", name), slots.slots, side_of(split, "textures", holds_out)),
         models=_records(placements),
     )
 

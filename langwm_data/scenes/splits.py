@@ -8,10 +8,37 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from types import MappingProxyType
+from typing import Literal
 
 import numpy as np
 
 from langwm_data.scenes.spec import MaterialRef, MaterialSlot, SceneSpec, Split
+
+
+HeldOut = Literal["buildings", "textures", "models"]
+EVERYTHING: tuple[HeldOut, ...] = ("buildings", "textures", "models")
+"""What test frames show that training frames do not, unless a dataset says otherwise. Of models, those of
+catalogues: buildings of both splits choose from the same procedural furniture."""
+
+
+def describe_held_out(holds_out: Sequence[HeldOut]) -> str:
+    """``unseen buildings and furniture``, or ``nothing unseen but views``."""
+    names = [{"models": "furniture"}.get(what, what) for what in holds_out]
+    if not names:
+        return "nothing unseen but views"
+    *some, last = names
+    return f"unseen {', '.join(some)} and {last}" if some else f"unseen {last}"
+
+
+def side_of(split: Split, what: HeldOut, holds_out: Sequence[HeldOut] = EVERYTHING) -> Split:
+    """Whose buildings, textures or models the frames of ``split`` show.
+
+    Args:
+        split: Of the frames.
+        what: Of which kind.
+        holds_out: The kinds that test frames do not share with training frames.
+    """
+    return split if what in holds_out else "train"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -197,19 +224,23 @@ def is_shared(category: str) -> bool:
     return category not in HELD_OUT_TEXTURE_IDS
 
 
-def check_palette(scene: SceneSpec) -> None:
+def check_palette(scene: SceneSpec, holds_out: Sequence[HeldOut] = EVERYTHING) -> None:
     """Refuse a scene that shows what its split must not show.
+
+    Args:
+        scene: With its textures.
+        holds_out: See ``side_of``.
 
     Raises:
         ValueError: If a known building is given to the other split, or a slot holds a texture that
             is not for the scene's split or not of a category that the slot allows.
     """
     building = ALL_BUILDINGS.get(scene.building)
-    if building is not None and building.split != scene.split:
+    if building is not None and building.split != side_of(scene.split, "buildings", holds_out):
         raise ValueError(
             f"scene {scene.name!r} is marked {scene.split}; building {scene.building} is for {building.split}"
         )
-    pictures = set(scene.pictures)
+    pictures, side = set(scene.pictures), side_of(scene.split, "textures", holds_out)
     for slot, material in zip(scene.slots, scene.palette, strict=True):
         if material.category not in slot.categories:
             raise ValueError(
@@ -220,25 +251,30 @@ def check_palette(scene: SceneSpec) -> None:
             raise ValueError(
                 f"scene {scene.name!r}: slot {slot.name!r} holds texture {material}, none of its pictures"
             )
-        if not is_for(material, scene.split):
+        if not is_for(material, side):
             raise ValueError(
                 f"scene {scene.name!r}: slot {slot.name!r} holds texture {material},"
-                f" which is not for the {scene.split} split"
+                f" which is not for the {side} split"
             )
 
 
-def check_models(scene: SceneSpec) -> None:
+def check_models(scene: SceneSpec, holds_out: Sequence[HeldOut] = EVERYTHING) -> None:
     """Refuse a scene in which models of others stand that its split must not show.
 
     A training scene shows no model that is for test. A test scene shows either none but these, or, where
     nothing is held out, as of iGibson, models for training.
 
+    Args:
+        scene: With the records of its models.
+        holds_out: See ``side_of``; where it is not everything, test scenes show one kind of models only.
+
     Raises:
         ValueError: If a model of the other split is recorded in it.
     """
-    holds_out = any(record.split == "test" for record in scene.models)
+    side = side_of(scene.split, "models", holds_out)
+    is_strict = tuple(holds_out) != EVERYTHING or any(record.split == "test" for record in scene.models)
     for record in scene.models:
-        if holds_out and record.split != scene.split:
+        if is_strict and record.split != side:
             raise ValueError(
                 f"scene {scene.name!r} is for {scene.split}; model {record.model!r} of {record.source!r}"
                 f" is for {record.split}"

@@ -8,6 +8,7 @@ import yaml
 
 from langwm_data import atomic
 from langwm_data.scenes.spec import ModelRecord
+from langwm_data.scenes.splits import EVERYTHING, describe_held_out
 from langwm_data.shards.licence import is_igibson, licence_tags, licence_text
 from langwm_data.shards.manifest import CARD_FILE, Manifest
 
@@ -72,7 +73,7 @@ _BODY = """
 
 {frames} rendered views of {subject}, made by {generator} with the `{renderer}` renderer: colour,
 metric depth, instance masks, and sentences that say which object lies in which direction and how far away.
-Floors and texture ids of the test split do not occur in the training split.
+{held_out}
 
 | split | frames | floors |
 |---|---|---|
@@ -171,6 +172,7 @@ def _body(manifest: Manifest, models: Sequence[ModelRecord]) -> str:
     return _BODY.format(
         title=_title(manifest),
         subject="furnished scenes of iGibson 1.0" if is_igibson(manifest) else "furnished homes",
+        held_out=_held_out(manifest),
         licence=licence_text(manifest, models),
         frames=manifest.frames,
         generator=manifest.generator,
@@ -181,6 +183,15 @@ def _body(manifest: Manifest, models: Sequence[ModelRecord]) -> str:
         captions=manifest.captions,
         height=manifest.camera.height,
         width=manifest.camera.width,
+    )
+
+
+def _held_out(manifest: Manifest) -> str:
+    if manifest.holds_out == EVERYTHING:
+        return "Floors and texture ids of the test split do not occur in the training split."
+    return (
+        f"Its test frames show {describe_held_out(manifest.holds_out)}; in all else they show what training"
+        " frames of the same seed do."
     )
 
 

@@ -59,7 +59,7 @@ def check_scenes(folder: Path, manifest: Manifest) -> tuple[frozenset[str], list
     sound, findings = set(), []
     for split, record in manifest.splits.items():
         for name in record.scenes:
-            if fault := scene_fault(folder, name, split, manifest.files.get(f"{SCENES_DIR}/{name}.json")):
+            if fault := scene_fault(folder, name, split, manifest):
                 findings.append(Finding(where=f"{SCENES_DIR}/{_file_name(name)}", what=fault))
             else:
                 sound.add(name)
@@ -158,15 +158,15 @@ def card_fault(path: Path, manifest: Manifest) -> str:
     return f"its head has another {wrong[0]!r} than the shards need to load in Hugging Face" if wrong else ""
 
 
-def scene_fault(folder: Path, name: str, split: str, sha256: str | None) -> str:
+def scene_fault(folder: Path, name: str, split: str, manifest: Manifest) -> str:
     """Whether a baked scene is the one that was written, and for this split."""
     try:
         path = scene_path(folder, name)
         if fault := _file_fault(path, MAX_SCENE_BYTES):
             return fault
         scene = read_scene(folder, name)
-        check_palette(scene)
-        check_models(scene)
+        check_palette(scene, manifest.holds_out)
+        check_models(scene, manifest.holds_out)
     except ValueError as error:
         return str(error).removeprefix(f"{folder / SCENES_DIR / name}.json: ")[:300]
     text = path.read_bytes()
@@ -174,6 +174,7 @@ def scene_fault(folder: Path, name: str, split: str, sha256: str | None) -> str:
         return "is not written as the generator writes it (space, order, names given twice)"
     if scene.split != split:
         return f"is a scene for {scene.split}; the manifest says {split}"
+    sha256 = manifest.files.get(f"{SCENES_DIR}/{name}.json")
     return "" if hashlib.sha256(text).hexdigest() == sha256 else WRONG_CHECKSUM
 
 

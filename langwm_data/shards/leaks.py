@@ -3,6 +3,7 @@
 Owns the comparison of two splits. What is held out stands in ``scenes.splits`` (Tables 4 and 5).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -10,8 +11,11 @@ from langwm_data.scenes.spec import MaterialRef, Split
 from langwm_data.scenes.splits import (
     ALL_BUILDINGS,
     CATALOGUE_SIZES,
+    EVERYTHING,
     IGIBSON_BUILDINGS,
+    HeldOut,
     is_picture_for,
+    side_of,
     texture_ids,
 )
 from langwm_data.scenes.taxonomy import is_structure
@@ -56,23 +60,35 @@ class Shown:
 
 
 def sample_leaks(
-    document: SampleDocument, split: Split, held_out_models: frozenset[str] = frozenset()
+    document: SampleDocument,
+    split: Split,
+    held_out_models: frozenset[str] = frozenset(),
+    holds_out: Sequence[HeldOut] = EVERYTHING,
 ) -> list[str]:
     """What one frame shows that its split must not show.
 
-    A test frame in a held-out building wears held-out textures only, but may show any model.
+    A test frame in a held-out building wears held-out textures only, but may show any model. Where less is
+    held out, it shows what training frames may show in all else.
+
+    Args:
+        document: Of the frame.
+        split: Of the frame.
+        held_out_models: Those that training frames must not show.
+        holds_out: What test frames do not share with training frames.
     """
     leaks = []
+    side = side_of(split, "buildings", holds_out)
     for name in dict.fromkeys((document["building"], document["scene"].rpartition("_")[0])):
         building = ALL_BUILDINGS.get(name)
         if building is None:
             leaks.append(f"building {foreign(name)} is in no table of splits")
-        elif building.split != split:
-            leaks.append(f"building {name} is for {building.split}, the frame is for {split}")
+        elif building.split != side:
+            leaks.append(f"building {name} is for {building.split}, the frame is for {side}")
+    side = side_of(split, "textures", holds_out)
     for text in dict.fromkeys(document["palette"]):
-        if leak := _texture_leak(text, split, is_picture=document["building"] in IGIBSON_BUILDINGS):
+        if leak := _texture_leak(text, side, is_picture=document["building"] in IGIBSON_BUILDINGS):
             leaks.append(leak)
-    if split == "train":
+    if side_of(split, "models", holds_out) == "train":
         seen = {obj["model"] for obj in document["objects"]}
         leaks += [f"model {name} is held out for test" for name in sorted(seen & held_out_models)]
     return leaks

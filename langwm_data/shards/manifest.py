@@ -13,7 +13,10 @@ from typing import Annotated, Any
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from langwm_data import __version__, atomic
+from langwm_data.config import SplitsConfig
+from langwm_data.config_io import ConfigError, build_config
 from langwm_data.scenes.spec import Split
+from langwm_data.scenes.splits import EVERYTHING, HeldOut
 from langwm_data.shards.sample import DatasetError
 
 MANIFEST_FILE = "dataset.json"
@@ -88,6 +91,22 @@ class Manifest:
     """SHA-256 of scenes and index by path, relative to the dataset. Not of the data card, whose words may be
     changed."""
     shards: list[ShardRecord]
+
+    @property
+    def holds_out(self) -> tuple[HeldOut, ...]:
+        """What its test frames claim not to share with training frames; see ``side_of``.
+
+        Raises:
+            DatasetError: If its configuration says something else here than this program can.
+        """
+        splits = self.config.get("splits")
+        if not isinstance(splits, dict) or "holds_out" not in splits:
+            return EVERYTHING
+        try:
+            values = {"holds_out": splits["holds_out"], "test_fraction": 1}
+            return build_config(SplitsConfig, values).holds_out
+        except ConfigError as error:
+            raise DatasetError(f"{MANIFEST_FILE}: config: {error}") from error
 
 
 for _cls in (ShardRecord, SplitRecord, CameraRecord, Manifest):

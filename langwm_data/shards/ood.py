@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from langwm_data.scenes.spec import Split
-from langwm_data.scenes.splits import check_models, is_shared
+from langwm_data.scenes.splits import EVERYTHING, HeldOut, check_models, describe_held_out, is_shared
 from langwm_data.shards.document import parse_document
 from langwm_data.shards.every_shard import ShardCheck, check_every_shard
 from langwm_data.shards.findings import Finding, foreign
@@ -34,6 +34,8 @@ class OodReport:
     shown: dict[Split, Shown]
     held_out_models: frozenset[str]
     findings: tuple[Finding, ...]
+    holds_out: tuple[HeldOut, ...] = EVERYTHING
+    """What the dataset says that its test frames do not share with training frames, which is what is proved."""
 
     @property
     def is_sound(self) -> bool:
@@ -53,8 +55,17 @@ class OodReport:
             )
         lines += map(str, self.findings)
         if self.is_sound:
-            return "\n".join([*lines, "proved: no held-out building, model or texture appears in training"])
+            return "\n".join([*lines, self._proved()])
         return "\n".join([*lines, f"NOT PROVED: {len(self.findings)} findings"])
+
+    def _proved(self) -> str:
+        if self.holds_out == EVERYTHING:
+            return "proved: no held-out building, model or texture appears in training"
+        shared = [what for what in EVERYTHING if what not in self.holds_out]
+        return (
+            f"proved: test frames show {describe_held_out(self.holds_out)}, and share all else with training:"
+            f" {', '.join(shared)}"
+        )
 
 
 def verify_ood(
@@ -80,17 +91,22 @@ def verify_ood(
     folder = Path(path)
     manifest = read_manifest(folder)
     findings = list(check_places(folder, manifest))
+    holds_out = manifest.holds_out
     recorded, of_scenes = _recorded_models(folder, manifest)
     held_out_models, findings = held_out_models | recorded, findings + of_scenes
+    if "models" in holds_out and holds_out != EVERYTHING and not recorded:
+        findings.append(Finding(where=SCENES_DIR, what="no scene has a furniture model that is for test"))
     tasks = [ShardCheck(number=n, record=record) for n, record in enumerate(manifest.shards)]
-    make_check = partial(OodChecker, folder, held_out_models)
+    make_check = partial(OodChecker, folder, held_out_models, holds_out)
     shown: dict[Split, Shown] = {split: Shown() for split in manifest.splits}
     for task, answer in zip(tasks, check_every_shard(make_check, tasks, workers, progress), strict=True):
         findings += [Finding(**value) for value in answer["findings"]]
         shown.setdefault(task.record.split, Shown()).update(Shown(**answer["shown"]))
     if len(shown) == 2:
-        findings += _in_both(shown["train"], shown["test"])
-    return OodReport(shown=shown, held_out_models=held_out_models, findings=tuple(findings))
+        findings += _in_both(shown["train"], shown["test"], holds_out)
+    return OodReport(
+        shown=shown, held_out_models=held_out_models, findings=tuple(findings), holds_out=holds_out
+    )
 
 
 def _recorded_models(folder: Path, manifest: Manifest) -> tuple[frozenset[str], list[Finding]]:
@@ -101,7 +117,7 @@ def _recorded_models(folder: Path, manifest: Manifest) -> tuple[frozenset[str], 
         try:
             scene = read_scene(folder, name)
             held_out |= {record.model for record in scene.models if record.split == "test"}
-            check_models(scene)
+            check_models(scene, manifest.holds_out)
         except ValueError as error:
             findings.append(Finding(where=f"{SCENES_DIR}/{foreign(name)[1:-1]}.json", what=str(error)[:300]))
     return frozenset(held_out), findings
@@ -110,8 +126,10 @@ def _recorded_models(folder: Path, manifest: Manifest) -> tuple[frozenset[str], 
 class OodChecker:
     """Reads the documents of shards and says what they show and what of it is a leak."""
 
-    def __init__(self, folder: Path, held_out_models: frozenset[str]) -> None:
-        self._folder, self._held_out_models = folder, held_out_models
+    def __init__(
+        self, folder: Path, held_out_models: frozenset[str], holds_out: tuple[HeldOut, ...]
+    ) -> None:
+        self._folder, self._held_out_models, self._holds_out = folder, held_out_models, holds_out
 
     def __call__(self, task: ShardCheck, report: Report) -> dict[str, Any]:
         """Findings and what is shown, as JSON."""
@@ -149,14 +167,14 @@ class OodChecker:
         except DatasetError as error:
             return [str(error)]
         shown.add(document, raw.key)
-        leaks = sample_leaks(document, split, self._held_out_models)
+        leaks = sample_leaks(document, split, self._held_out_models, self._holds_out)
         if document["split"] != split:
             leaks.append(f"split is {foreign(document['split'])} in a shard of {split}")
         return leaks
 
 
-def _in_both(train: Shown, test: Shown) -> list[Finding]:
-    """Buildings and textures that both splits show, by a test frame and a training frame that do.
+def _in_both(train: Shown, test: Shown, holds_out: tuple[HeldOut, ...]) -> list[Finding]:
+    """Held-out buildings and textures that both splits show, by a test frame and a training frame that do.
 
     Materials of iGibson of which nothing is held out may be in both; in homes they are findings of their own.
     """
@@ -164,12 +182,13 @@ def _in_both(train: Shown, test: Shown) -> list[Finding]:
         Finding(
             where="train",
             key=tables[0][name],
-            what=f"{kind} {foreign(name)} is shown by test frame {tables[1][name]} too",
+            what=f"{kind[:-1]} {foreign(name)} is shown by test frame {tables[1][name]} too",
         )
         for kind, tables in (
-            ("building", (train.buildings, test.buildings)),
-            ("texture", (train.textures, test.textures)),
+            ("buildings", (train.buildings, test.buildings)),
+            ("textures", (train.textures, test.textures)),
         )
+        if kind in holds_out
         for name in sorted(tables[0].keys() & tables[1].keys())
-        if kind == "building" or not is_shared(name.rpartition("/")[0])
+        if kind == "buildings" or not is_shared(name.rpartition("/")[0])
     ]

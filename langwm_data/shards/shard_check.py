@@ -207,7 +207,7 @@ class ShardChecker:
         if record is None or name not in record.scenes:
             return [f"scene {foreign(name)} is no scene of the {split} split"]
         faults = camera_faults(document, self._manifest.camera, self._config.camera) + sample_leaks(
-            document, split
+            document, split, holds_out=self._manifest.holds_out
         )
         if name in self._sound_scenes:  # whoever checks the scenes names the others
             faults += identity_faults(key, document, split, self._scene(name))

@@ -56,8 +56,8 @@ def offered(study, monkeypatch):
     """Has ``study`` offer the scenes of this test."""
     original = baking._source
 
-    def source(config, baked):
-        return study if config.furniture is not None else original(config, baked)
+    def source(config, baked, holds_out):
+        return study if config.furniture is not None else original(config, baked, holds_out)
 
     monkeypatch.setattr(baking, "_source", source)
     open_scenes.cache_clear()
