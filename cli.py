@@ -192,7 +192,10 @@ def pretrain_mae_command(
 @app.command("probe-mae")
 def probe_mae_command(
     run: Annotated[Path, typer.Argument(help="Run of pretrain-mae, or its model.")],
-    data: Annotated[Path, typer.Option("--data", help="Dataset from render-dataset.")],
+    data: Annotated[
+        list[Path],
+        typer.Option("--data", help="Dataset; more, with less held out, to part what is unseen. Repeatable."),
+    ],
     out: Out,
     frames: Annotated[int | None, typer.Option("--frames", help="Frames of each split, at most.")] = None,
     split: Annotated[str, typer.Option("--split", help="test or train: what the tables are about.")] = "test",
@@ -208,8 +211,9 @@ def probe_mae_command(
     from pretrain.config import ProbeConfig
     from pretrain.probing.run import probe_mae
 
-    flags = {"run": str(run), "data": str(data), "frames": frames, "split": split, "device": device}
-    flags |= {"beside": None if beside is None else str(beside), "seed": seed}
+    first, *others = map(str, data)
+    flags = {"run": str(run), "data": first, "others": others, "frames": frames, "split": split}
+    flags |= {"beside": None if beside is None else str(beside), "device": device, "seed": seed}
     config = build_config(ProbeConfig, {name: value for name, value in flags.items() if value is not None})
     with _progress("frames") as progress:
         page = probe_mae(config, out, fresh=fresh, progress=progress)

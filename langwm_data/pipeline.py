@@ -211,7 +211,10 @@ def _render(
     if there:
         _log.info("%d of %d shards are there; going on with the rest", len(there), len(tasks))
     floors = [s for s in scenes_of(config, tasks) if not scene_path(output.folder, s).is_file()]
-    bake = [BakeTask(scene=name, physics=open_scenes(config.scenes, config.splits.holds_out).physics) for name in floors]
+    bake = [
+        BakeTask(scene=name, physics=open_scenes(config.scenes, config.splits.holds_out).physics)
+        for name in floors
+    ]
     total = sum(task.stop - task.start for task in tasks)
     done = total - sum(task.stop - task.start for task in todo)
 
@@ -241,7 +244,10 @@ def _finish_if_last(config: DatasetConfig, output: Output) -> bool:
 
 
 def _origin(config: DatasetConfig) -> Origin:
-    camera, library = Camera.on_robot(config.camera, (0.0, 0.0), 0.0), open_scenes(config.scenes, config.splits.holds_out)
+    camera, library = (
+        Camera.on_robot(config.camera, (0.0, 0.0), 0.0),
+        open_scenes(config.scenes, config.splits.holds_out),
+    )
     return Origin(
         generator=GENERATOR,
         fingerprint=fingerprint(config),

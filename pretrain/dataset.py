@@ -16,6 +16,7 @@ from langwm_data.seeding import make_rng
 from langwm_data.shards.dataset import ShardDataset
 from langwm_data.shards.sample import to_metres, to_millimetres
 from pretrain.batch import FrameBatch, FrameObject
+from pretrain.model_file import Intrinsics
 
 _BYTES_PER_PIXEL = 3 + 2
 
@@ -57,6 +58,12 @@ class FrameDataset:
 
     def __len__(self) -> int:
         return len(self.shards)
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """Of the camera."""
+        first, second, third = ((row[0], row[1], row[2]) for row in self.shards.manifest.camera.K)
+        return first, second, third
 
     @property
     def keys(self) -> list[str]:

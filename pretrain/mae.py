@@ -17,7 +17,15 @@ from torch import Tensor, nn
 
 from pretrain.batch import MAEBatch, TextTokens
 from pretrain.config import MAEConfig, TextConfig
-from pretrain.model_file import check_fit, find_model, load_model_file, save_model_file
+from pretrain.model_file import (
+    Intrinsics,
+    ModelFile,
+    check_bytes,
+    check_fit,
+    find_model,
+    load_model_file,
+    save_model_file,
+)
 from pretrain.transformer import Transformer, grid_positions, sincos_2d
 
 IMAGENET_MEAN = (0.485, 0.456, 0.406)
@@ -103,6 +111,8 @@ class LanguageGroundedMAE(nn.Module):
         super().__init__()
         self.config = config
         self.text = text
+        self.intrinsics: Intrinsics | None = None
+        """Of the camera whose frames it learns from, if that is known; kept with the weights."""
         dim = config.dim
         self.convolutions = EarlyConvolutions(config.conv_channels, dim)
         self.text_proj = nn.Linear(null_text.embed.shape[-1], dim)
@@ -286,7 +296,7 @@ class LanguageGroundedMAE(nn.Module):
 
     def save_pretrained(self, folder: Path) -> None:
         """Write ``config.json`` and ``model.safetensors``."""
-        save_model_file(folder, self.config, self.text, self.state_dict())
+        save_model_file(folder, ModelFile(self.config, self.text, self.state_dict(), self.intrinsics))
 
     @classmethod
     def from_pretrained(cls, folder: Path | str) -> "LanguageGroundedMAE":
@@ -299,13 +309,15 @@ class LanguageGroundedMAE(nn.Module):
             ValueError: If there is no model, or it is damaged or of another architecture.
         """
         folder = find_model(folder)
-        config, text, tensors = load_model_file(folder)
+        config, text, tensors, intrinsics = load_model_file(folder)
         size = (1, text.num_language_tokens)
         width = tensors.get("null_embed", torch.empty(1)).shape[-1]
         null = TextTokens(embed=torch.empty(*size, width), attend=torch.empty(size, dtype=torch.bool))
         model = cls(config, text, null)
         check_fit(folder, model.state_dict(), tensors)
+        check_bytes(folder)
         model.load_state_dict(tensors)
+        model.intrinsics = intrinsics
         return model.eval()
 
 

@@ -7,13 +7,16 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from typing import NamedTuple
 
+from pydantic import TypeAdapter, ValidationError
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from langwm_data import atomic
 from langwm_data.config_io import ConfigError, build_config, config_to_dict
+from langwm_data.shards.writer import sha256_of
 from pretrain.config import MAEConfig, TextConfig
 
 SCHEMA_VERSION = 1
@@ -22,14 +25,34 @@ _CONFIG = "config.json"
 _WEIGHTS = "model.safetensors"
 
 
-def save_model_file(folder: Path, mae: MAEConfig, text: TextConfig, tensors: Mapping[str, Tensor]) -> None:
+Intrinsics = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
+"""Of a pinhole camera, pixels: depth that was learned through one is wrong through another."""
+
+
+class ModelFile(NamedTuple):
+    """What the two files hold."""
+
+    mae: MAEConfig
+    text: TextConfig
+    tensors: dict[str, Tensor]
+    intrinsics: Intrinsics | None
+    """Of the frames that it was trained on; ``None`` where nobody said."""
+
+
+def save_model_file(folder: Path, held: ModelFile) -> None:
     """Write both files, the weights first: a config stands for weights that are there."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / _CONFIG).unlink(missing_ok=True)
     with atomic.atomic_path(folder / _WEIGHTS) as temporary:
-        save_file({name: t.detach().cpu().contiguous() for name, t in tensors.items()}, temporary)
-    held = {"schema_version": SCHEMA_VERSION, "mae": config_to_dict(mae), "text": config_to_dict(text)}
-    atomic.write_json(folder / _CONFIG, held)
+        save_file({name: t.detach().cpu().contiguous() for name, t in held.tensors.items()}, temporary)
+    described = {
+        "schema_version": SCHEMA_VERSION,
+        "mae": config_to_dict(held.mae),
+        "text": config_to_dict(held.text),
+        "intrinsics": held.intrinsics,
+        "weights_sha256": sha256_of(folder / _WEIGHTS),
+    }
+    atomic.write_json(folder / _CONFIG, described)
 
 
 def find_model(name: Path | str) -> Path:
@@ -52,14 +75,13 @@ def find_model(name: Path | str) -> Path:
         ) from error
 
 
-def load_model_file(folder: Path) -> tuple[MAEConfig, TextConfig, dict[str, Tensor]]:
+def load_model_file(folder: Path) -> ModelFile:
     """Read both files of ``folder``, or of the ``model`` folder inside it.
 
     Raises:
         ValueError: If they are missing, damaged, or of another schema version.
     """
-    if (folder / MODEL_FOLDER / _CONFIG).is_file():
-        folder = folder / MODEL_FOLDER
+    folder = _home(folder)
     if not (folder / _CONFIG).is_file():
         raise ValueError(f"{str(folder)!r} holds no pretrained autoencoder ({_CONFIG} and {_WEIGHTS})")
     try:
@@ -70,13 +92,16 @@ def load_model_file(folder: Path) -> tuple[MAEConfig, TextConfig, dict[str, Tens
                 f"{folder / _CONFIG} has schema version {version}; this program reads {SCHEMA_VERSION}"
             )
         mae, text = build_config(MAEConfig, held["mae"]), build_config(TextConfig, held["text"])
-    except (json.JSONDecodeError, KeyError, TypeError, ConfigError) as error:
+        intrinsics = TypeAdapter(Intrinsics | None).validate_python(held.get("intrinsics"))
+    except (json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError, ConfigError) as error:
         raise ValueError(f"{folder / _CONFIG} does not describe a pretrained autoencoder: {error}") from error
+    except ValidationError as error:
+        raise ValueError(f"{folder / _CONFIG}: intrinsics are not three rows of three numbers") from error
     try:
         tensors = load_file(folder / _WEIGHTS)
     except (OSError, SafetensorError) as error:
         raise ValueError(f"{folder / _WEIGHTS} cannot be read: {error}") from error
-    return mae, text, tensors
+    return ModelFile(mae, text, tensors, intrinsics)
 
 
 def check_fit(folder: Path, expected: Mapping[str, Tensor], found: Mapping[str, Tensor]) -> None:
@@ -91,6 +116,26 @@ def check_fit(folder: Path, expected: Mapping[str, Tensor], found: Mapping[str, 
                 f"the {_WEIGHTS} in {str(folder)!r} does not fit its {_CONFIG}: {name} is"
                 f" {_kind(found.get(name))}, not {_kind(expected.get(name))}"
             )
+
+
+def check_bytes(folder: Path) -> None:
+    """Refuse weights that are not those that were saved with their config, which may not say which those are.
+
+    Raises:
+        ValueError: If they differ.
+    """
+    folder = _home(folder)
+    said = json.loads((folder / _CONFIG).read_text("utf-8")).get("weights_sha256")
+    if said is not None and said != (found := sha256_of(folder / _WEIGHTS)):
+        raise ValueError(
+            f"{folder / _WEIGHTS} has sha256 {found[:12]}..., not {str(said)[:12]}... as its {_CONFIG} says:"
+            " the weights were damaged or changed after they were saved"
+        )
+
+
+def _home(folder: Path) -> Path:
+    """The folder of both files: that of a run has it inside."""
+    return folder / MODEL_FOLDER if (folder / MODEL_FOLDER / _CONFIG).is_file() else folder
 
 
 def _kind(tensor: Tensor | None) -> str:

@@ -25,7 +25,7 @@ from pretrain.interrupt import stop_requests
 from pretrain.language import FrozenText
 from pretrain.mae import LanguageGroundedMAE
 from pretrain.metrics import MetricsLogger
-from pretrain.model_file import MODEL_FOLDER
+from pretrain.model_file import MODEL_FOLDER, Intrinsics
 from pretrain.optim import Optimizer
 from pretrain.pictures import mae_panel
 from pretrain.team import Team, check_shares, joined_team, own_device
@@ -97,7 +97,7 @@ def pretrain_mae(
             config = replace(config, steps=max(config.steps, held[0]))  # what is done stays done
         if team.is_first:
             claim_output(out, config, fresh=fresh, may_differ=("steps",))
-        learner = _make_learner(config, text, held)
+        learner = _make_learner(config, text, frames.train.intrinsics, held)
         if learner.step >= config.steps:
             log.info("%s has finished its %d steps; --fresh starts over", out, learner.step)
             return out
@@ -144,11 +144,15 @@ def _make_batch(
 
 
 def _make_learner(
-    config: PretrainConfig, text: FrozenText, held: tuple[int, dict[str, Any]] | None
+    config: PretrainConfig,
+    text: FrozenText,
+    intrinsics: Intrinsics,
+    held: tuple[int, dict[str, Any]] | None,
 ) -> _Learner:
     with torch.random.fork_rng([]):
         torch.manual_seed(torch_seed(config.seed, "weights"))
         mae = LanguageGroundedMAE(config.mae, config.text, text.null_text).to(own_device(config.device))
+    mae.intrinsics = intrinsics
     learner = _Learner(
         mae=mae,
         optimizer=Optimizer(mae, config.optimizer, config.steps),

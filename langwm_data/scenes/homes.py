@@ -99,9 +99,7 @@ class Homes:
         Raises:
             ValueError: If there is no floor of that name, or a catalogue is damaged.
         """
-        return make_home(
-            name, seed=self._seed, furniture=self._furniture, holds_out=self._holds_out
-        )
+        return make_home(name, seed=self._seed, furniture=self._furniture, holds_out=self._holds_out)
 
 
 def make_home(
@@ -117,7 +115,9 @@ def make_home(
     split = split_of_scene(name) if "buildings" in holds_out else "test"
     building, _, number = name.rpartition("_")
     floor = int(number)
-    offer = None if furniture is None else Offer(furniture, side_of(split, "models", holds_out), seed, building)
+    offer = (
+        None if furniture is None else Offer(furniture, side_of(split, "models", holds_out), seed, building)
+    )
     style = sample_style(seed, building, offer)
     plan = sample_plan(make_rng(seed, "plan", name), plan_kind(seed, building, floor))
     placements = _furnish(plan, style, seed, name)
@@ -139,7 +139,9 @@ def make_home(
         surfaces=tuple(surfaces),
         objects=tuple(objects),
         slots=tuple(slots.slots),
-        palette=sample_palette(make_rng(seed, "palette", name), slots.slots, side_of(split, "textures", holds_out)),
+        palette=sample_palette(
+            make_rng(seed, "palette", name), slots.slots, side_of(split, "textures", holds_out)
+        ),
         models=_records(placements),
     )
 

@@ -126,9 +126,7 @@ def _recorded_models(folder: Path, manifest: Manifest) -> tuple[frozenset[str], 
 class OodChecker:
     """Reads the documents of shards and says what they show and what of it is a leak."""
 
-    def __init__(
-        self, folder: Path, held_out_models: frozenset[str], holds_out: tuple[HeldOut, ...]
-    ) -> None:
+    def __init__(self, folder: Path, held_out_models: frozenset[str], holds_out: tuple[HeldOut, ...]) -> None:
         self._folder, self._held_out_models, self._holds_out = folder, held_out_models, holds_out
 
     def __call__(self, task: ShardCheck, report: Report) -> dict[str, Any]:

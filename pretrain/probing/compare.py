@@ -9,9 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pretrain.probing.claims import DISTANCE, RIGHT, Claims
+from pretrain.probing.claims import DISTANCE, EMPTY, RIGHT, Claims
 from pretrain.probing.grounding import OBJECT, Errors, GroundingResult
-from pretrain.statistics import Interval, bootstrap_interval, paired_bootstrap_interval
+from pretrain.statistics import (
+    Interval,
+    bootstrap_interval,
+    paired_bootstrap_interval,
+    resampled_interval,
+)
 
 DISTANCE_EDGES_M = (0.0, 1.5, 3.0, 5.0, np.inf)
 MIN_CATEGORY_ROWS = 20
@@ -37,6 +42,8 @@ class Group:
     name: str
     num_frames: int
     captions: Mapping[str, Comparison]
+    saved: Interval
+    """The share of the error with an empty caption that the right one takes off."""
 
 
 def compare(errors: Mapping[str, Errors], rng: np.random.Generator) -> dict[str, Comparison]:
@@ -67,7 +74,15 @@ def compare_group(
     num_frames = int(np.isfinite(part[RIGHT]).sum())
     if num_frames == 0:
         return None
-    return Group(name=name, num_frames=num_frames, captions=compare(part, rng))
+    return Group(name=name, num_frames=num_frames, captions=compare(part, rng), saved=_saved(part, rng))
+
+
+def _saved(errors: Mapping[str, Errors], rng: np.random.Generator) -> Interval:
+    """Of two means over the same frames; those frames are drawn together."""
+    right, empty = (errors[name][np.isfinite(errors[RIGHT])] for name in (RIGHT, EMPTY))
+    return resampled_interval(
+        lambda rows: 1 - float(right[rows].mean() / empty[rows].mean()), np.arange(len(right)), rng
+    )
 
 
 def by_distance(result: GroundingResult, rng: np.random.Generator) -> list[Group]:
@@ -88,21 +103,21 @@ def by_category(result: GroundingResult, rng: np.random.Generator) -> list[Group
 
 
 def by_model_split(
-    result: GroundingResult, split: str, split_of: Mapping[str, str], rng: np.random.Generator
+    result: GroundingResult, title: str, split_of: Mapping[str, str], rng: np.random.Generator
 ) -> list[Group]:
     """Groups by which split's furniture models the hidden objects are.
 
     Args:
         result: What was measured.
-        split: Of the frames, for the names of the groups.
+        title: Of the frames, for the names of the groups.
         split_of: The split of each model that the dataset's scenes have on record; none if it is empty.
         rng: Draws the resamples.
     """
     splits = np.array([split_of.get(o.model, "") for o in result.scene.objects])
     named = {
-        f"{split} frames, furniture models of training": splits == "train",
-        f"{split} frames, unseen furniture models": splits == "test",
-        f"{split} frames, procedural furniture": splits == "",
+        f"{title}; hidden: furniture models of training": splits == "train",
+        f"{title}; hidden: unseen furniture models": splits == "test",
+        f"{title}; hidden: procedural furniture": splits == "",
     }
     return _groups(result, named, rng) if split_of else []
 

@@ -2,11 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 
-from langwm_data.scenes.spec import Split
 from langwm_data.seeding import make_rng
 from pretrain.probing.claims import CATEGORY, DIRECTION, DISTANCE, EMPTY, OTHER, RIGHT
 from pretrain.probing.compare import (
@@ -23,16 +21,13 @@ from pretrain.probing.grounding import OBJECT, REGIONS, GroundingResult
 from pretrain.probing.wording import TITLES, change_text, range_text
 from pretrain.statistics import Interval
 
-SPLIT_TITLES: Mapping[Split, str] = MappingProxyType(
-    {"test": "test frames: unseen buildings and textures", "train": "training frames"}
-)
-
 
 @dataclass(frozen=True, kw_only=True)
 class Numbers:
     """Everything that the tables show; groups are compared inside the hidden object."""
 
-    split: Split
+    about: str
+    """Title of the frames."""
     num_frames: int
     regions: Mapping[str, Mapping[str, Comparison]]
     """By region, then by caption."""
@@ -41,48 +36,48 @@ class Numbers:
     by_distance: list[Group]
     by_category: list[Group]
     subsets: list[Group]
-    """Of the frames of both splits."""
+    """Of all sets of frames."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Grounding:
-    """Numbers, and the measurement of the split that they are about."""
+    """Numbers, and the measurement that most of them are about."""
 
     numbers: Numbers
     result: GroundingResult
 
 
 def sum_up(
-    measured: Mapping[Split, GroundingResult], split: Split, model_splits: Mapping[str, str], seed: int
+    measured: Mapping[str, GroundingResult], about: str, model_splits: Mapping[str, str], seed: int
 ) -> Grounding:
     """Compare captions in every way that the page shows.
 
     Args:
-        measured: Both splits.
-        split: The one that the tables are about.
+        measured: By title of the frames.
+        about: The title that most tables are about.
         model_splits: Of each furniture model on record.
         seed: Of the intervals.
     """
-    result = measured[split]
+    result = measured[about]
     rng = make_rng(seed, "intervals")
     numbers = Numbers(
-        split=split,
+        about=about,
         num_frames=len(result.scene),
         regions={region: compare(result.errors_in(region), rng) for region in REGIONS},
         heeded=heed_distance(result.scene.claims, result.depths, rng),
         by_distance=by_distance(result, rng),
         by_category=by_category(result, rng),
-        subsets=[g for name in measured for g in _subsets(measured[name], name, model_splits, rng)],
+        subsets=[g for title in measured for g in _subsets(measured[title], title, model_splits, rng)],
     )
     return Grounding(numbers=numbers, result=result)
 
 
 def _subsets(
-    result: GroundingResult, split: Split, model_splits: Mapping[str, str], rng: np.random.Generator
+    result: GroundingResult, title: str, model_splits: Mapping[str, str], rng: np.random.Generator
 ) -> list[Group]:
     everything = np.ones(len(result.scene), dtype=np.bool_)
-    whole = compare_group(SPLIT_TITLES[split], result.errors_in(OBJECT), everything, rng)
-    return [g for g in (whole, *by_model_split(result, split, model_splits, rng)) if g is not None]
+    whole = compare_group(title, result.errors_in(OBJECT), everything, rng)
+    return [g for g in (whole, *by_model_split(result, title, model_splits, rng)) if g is not None]
 
 
 def findings(numbers: Numbers) -> list[str]:

@@ -15,7 +15,7 @@ from pretrain.probing.attention import WordAttention, attend_to_words, cells_ins
 from pretrain.probing.claims import CAPTIONS, RIGHT
 from pretrain.probing.compare import MIN_CATEGORY_ROWS
 from pretrain.probing.figures import attention_figure, distance_figure, region_figure, score_figure
-from pretrain.probing.findings import SPLIT_TITLES, Grounding, findings
+from pretrain.probing.findings import Grounding, findings
 from pretrain.probing.grounding import REGIONS, predict_with_captions
 from pretrain.probing.panels import panel_images, shown_rows
 from pretrain.probing.scores import FeatureScore
@@ -57,7 +57,7 @@ def draw_grounding(
     regions = {name: numbers.regions[name] for name in _PLOTTED}
     compared = [name for name in CAPTIONS if name != RIGHT]
     return {
-        "split": SPLIT_TITLES[numbers.split],
+        "about": numbers.about,
         "num_frames": numbers.num_frames,
         "mask_percent": f"{100 * mae.config.mask_ratio:.0f}",
         "findings": findings(numbers),

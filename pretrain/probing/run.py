@@ -1,11 +1,10 @@
-"""What ``langwm probe-mae`` does: open, measure, sum up, write tables and a page.
+"""What ``langwm probe-mae`` does: measure, sum up, write tables and a page.
 
-Owns the order of the parts and the files. Numbers come from the modules beside it.
+Owns the order of the parts and the files. What is probed is opened in ``subject``. Numbers come from the modules beside it.
 """
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +12,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from langwm_data import atomic
-from langwm_data.config_io import CONFIG_FILE, ConfigError, claim_output, config_to_dict, load_config_file
-from langwm_data.scenes.spec import Split
+from langwm_data.config_io import claim_output, config_to_dict
 from langwm_data.seeding import make_rng
-from pretrain.config import ObjectMaskConfig, PretrainConfig, ProbeConfig
-from pretrain.dataset import FrameDataset, open_split
+from pretrain.config import ProbeConfig
 from pretrain.language import FrozenText
-from pretrain.mae import LanguageGroundedMAE
 from pretrain.probing.features import (
     Encoder,
     choose_frames,
@@ -33,6 +29,7 @@ from pretrain.probing.grounding import GroundingResult, measure_grounding
 from pretrain.probing.report import REPORT_FILE, draw_grounding, render_report
 from pretrain.probing.scene import DepthPrior, ProbeScene, make_probe_scene
 from pretrain.probing.scores import FeatureScore, score_features
+from pretrain.probing.subject import Subject, open_subject, split_of
 
 ROWS_FILE, FEATURES_FILE, SUMMARY_FILE = "probe.parquet", "features.parquet", "probe.json"
 TRAIN_SHARE = 4
@@ -40,17 +37,6 @@ TRAIN_SHARE = 4
 THIS, RANDOM, RAW, BESIDE = "this model", "random encoder", "raw frame", "the other run"
 
 Progress = Callable[[int, int], None]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Subject:
-    """What is probed, opened and checked."""
-
-    config: ProbeConfig
-    mae: LanguageGroundedMAE
-    beside: LanguageGroundedMAE | None
-    objects: ObjectMaskConfig
-    splits: dict[Split, FrameDataset]
 
 
 def probe_mae(
@@ -86,9 +72,9 @@ def probe_mae(
     grounding, pictures = None, None
     if text is not None and scenes is not None:
         measured = _ground(subject, text, scenes, count.go_on)
-        rows = [result.to_table(split=split) for split, result in measured.items()]
+        rows = [result.to_table(frames=title, split=split_of(title)) for title, result in measured.items()]
         _write_table(out / ROWS_FILE, pa.concat_tables(rows))
-        grounding = sum_up(measured, config.split, _model_splits(subject), config.seed)
+        grounding = sum_up(measured, subject.about, subject.model_splits, config.seed)
         pictures = draw_grounding(subject.mae, text, grounding, config.seed)
     scores = _score(subject, count.go_on)
     _write_table(out / FEATURES_FILE, pa.Table.from_pylist([dataclasses.asdict(s) for s in scores]))
@@ -98,58 +84,22 @@ def probe_mae(
     return out / REPORT_FILE
 
 
-def open_subject(config: ProbeConfig) -> Subject:
-    """Open the model, the run beside it and both splits.
-
-    Raises:
-        ValueError: If one of them is missing or does not fit.
-    """
-    mae = LanguageGroundedMAE.from_pretrained(config.run).to(config.device)
-    size = (mae.config.height, mae.config.width)
-    beside = None
-    if config.beside is not None:
-        beside = LanguageGroundedMAE.from_pretrained(config.beside).to(config.device)
-        other = (beside.config.height, beside.config.width)
-        if other != size:
-            raise ConfigError(
-                f"--beside {config.beside!r} reads frames of {other[0]}x{other[1]};"
-                f" {config.run!r} reads {size[0]}x{size[1]}"
-            )
-    splits: dict[Split, FrameDataset] = {}
-    for split in ("test", "train"):
-        frames = open_split(Path(config.data), split, size, config.ram_mib)
-        if frames is None:
-            raise ConfigError(
-                f"--data {config.data!r} has no {split} frames; a probe needs those of both splits, since"
-                " what it fits is fitted on training frames"
-            )
-        splits[split] = frames
-    objects = _objects_of(Path(config.run))
-    return Subject(config=config, mae=mae, beside=beside, objects=objects, splits=splits)
-
-
-def _objects_of(run: Path) -> ObjectMaskConfig:
-    """Margins and how distances are said, as the run had them; the defaults for a model without its run."""
-    path = run / CONFIG_FILE
-    return load_config_file(PretrainConfig, path).objects if path.is_file() else ObjectMaskConfig()
-
-
-def _hide(subject: Subject, text: FrozenText) -> dict[Split, ProbeScene]:
+def _hide(subject: Subject, text: FrozenText) -> dict[str, ProbeScene]:
     config = subject.config
     return {
-        split: make_probe_scene(frames, text, subject.objects, num_frames=config.frames, seed=config.seed)
-        for split, frames in subject.splits.items()
+        title: make_probe_scene(frames, text, subject.objects, num_frames=config.frames, seed=config.seed)
+        for title, frames in subject.shown.items()
     }
 
 
 def _ground(
-    subject: Subject, text: FrozenText, scenes: dict[Split, ProbeScene], go_on: Progress
-) -> dict[Split, GroundingResult]:
+    subject: Subject, text: FrozenText, scenes: dict[str, ProbeScene], go_on: Progress
+) -> dict[str, GroundingResult]:
     mae = subject.mae
     prior = DepthPrior.of(subject.splits["train"], mae.config.max_depth_m)
     return {
-        split: measure_grounding(mae, text, scene, prior, seed=subject.config.seed, progress=go_on)
-        for split, scene in scenes.items()
+        title: measure_grounding(mae, text, scene, prior, seed=subject.config.seed, progress=go_on)
+        for title, scene in scenes.items()
     }
 
 
@@ -166,13 +116,6 @@ def _score(subject: Subject, go_on: Progress) -> list[FeatureScore]:
         numbers = choose_frames(rng, frames.shards.frames, num_frames)
         seen[split] = see_frames(frames, numbers, encoders, go_on)
     return score_features(seen["train"], seen["test"], config.seed)
-
-
-def _model_splits(subject: Subject) -> dict[str, str]:
-    """The split of each furniture model that the dataset's scenes have on record."""
-    shards = subject.splits["test"].shards
-    names = {scene for split in shards.manifest.splits.values() for scene in split.scenes}
-    return {record.model: record.split for name in names for record in shards.scene(name).models}
 
 
 def _summary(
@@ -194,9 +137,10 @@ class _Count:
     """Frames read so far, over all parts."""
 
     def __init__(self, subject: Subject, progress: Progress) -> None:
-        frames = {split: min(len(held), subject.config.frames) for split, held in subject.splits.items()}
-        self._total = sum(frames.values()) if subject.mae.config.target == "depth" else 0
-        self._total += frames["test"] + min(len(subject.splits["train"]), TRAIN_SHARE * subject.config.frames)
+        limit, is_told = subject.config.frames, subject.mae.config.target == "depth"
+        self._total = sum(min(len(held), limit) for held in subject.shown.values()) if is_told else 0
+        self._total += min(len(subject.splits["test"]), limit)
+        self._total += min(len(subject.splits["train"]), TRAIN_SHARE * limit)
         self._progress, self._before = progress, 0
 
     def go_on(self, done: int, total: int) -> None:

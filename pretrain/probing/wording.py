@@ -58,9 +58,10 @@ def comparison_row(name: str, comparison: Comparison) -> dict[str, str | bool]:
 
 
 def group_row(group: Group) -> dict[str, object]:
-    """A row of a table of groups: the error with the right caption, then the differences from it."""
+    """A row of a table of groups: what the right caption saves, its error, and the differences from it."""
     cells = [_cell(group.captions.get(name)) for name in TITLES]
-    return {"name": group.name, "num_frames": group.num_frames, "cells": cells}
+    saved = {"value": f"{100 * group.saved.mean:.0f} %", "range": f"{range_text(group.saved, 0, 100.0)} %"}
+    return {"name": group.name, "num_frames": group.num_frames, "saved": saved, "cells": cells}
 
 
 def _cell(held: Comparison | None) -> dict[str, object]:

@@ -55,6 +55,19 @@ def test_weights_of_another_architecture_are_refused(folder):
         LanguageGroundedMAE.from_pretrained(folder)
 
 
+def test_weights_that_were_changed_afterwards_are_refused(folder):
+    path = folder / "model.safetensors"
+    tensors = load_file(path)
+    save_file(tensors | {"cls_token": tensors["cls_token"] + 1e-3}, path)
+    message = r"model\.safetensors has sha256 .* were damaged or changed after they were saved"
+    with pytest.raises(ValueError, match=message):
+        LanguageGroundedMAE.from_pretrained(folder)
+    held = json.loads((folder / "config.json").read_text())
+    del held["weights_sha256"]  # as models were written before
+    (folder / "config.json").write_text(json.dumps(held))
+    LanguageGroundedMAE.from_pretrained(folder.parent)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -74,3 +87,20 @@ def test_config_that_is_not_json_is_refused(folder):
     (folder / "config.json").write_text("{")
     with pytest.raises(ValueError, match="does not describe a pretrained autoencoder"):
         LanguageGroundedMAE.from_pretrained(folder)
+
+
+def test_the_camera_goes_with_the_weights(mae_config, text, tmp_path):
+    mae = LanguageGroundedMAE(mae_config, TextConfig(), text.null_text)
+    mae.save_pretrained(tmp_path / "unknown")
+    assert LanguageGroundedMAE.from_pretrained(tmp_path / "unknown").intrinsics is None
+    mae.intrinsics = ((30.0, 0.0, 24.0), (0.0, 31.0, 16.0), (0.0, 0.0, 1.0))
+    mae.save_pretrained(tmp_path / "known")
+    assert LanguageGroundedMAE.from_pretrained(tmp_path / "known").intrinsics == mae.intrinsics
+    path = tmp_path / "known" / "config.json"
+    held = json.loads(path.read_text())
+    path.write_text(json.dumps(held | {"intrinsics": [[30.0, 0.0, "x"]]}))
+    with pytest.raises(ValueError, match=r"config\.json: intrinsics are not three rows of three numbers"):
+        LanguageGroundedMAE.from_pretrained(tmp_path / "known")
+    del held["intrinsics"]  # as models were written before
+    path.write_text(json.dumps(held))
+    assert LanguageGroundedMAE.from_pretrained(tmp_path / "known").intrinsics is None

@@ -66,7 +66,8 @@ def test_a_signal_saves_then_stops(whole, pretrain_config, data_folder, tmp_path
         )
     assert signal.getsignal(number) == before
     assert latest_checkpoint(out).name == "step-000000001"
-    LanguageGroundedMAE.from_pretrained(out)
+    mae = LanguageGroundedMAE.from_pretrained(out)
+    assert mae.intrinsics == ((30.0, 0.0, 24.0), (0.0, 30.0, 16.0), (0.0, 0.0, 1.0))
     pretrain_mae(pretrain_config, data_folder, out)
     assert losses(out) == losses(whole)
     assert weights(out) == weights(whole)

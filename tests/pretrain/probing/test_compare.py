@@ -82,22 +82,31 @@ def test_rare_categories_have_no_row(result, rng):
 
 
 def test_models_are_told_apart_by_their_records(result, rng):
-    groups = by_model_split(result, "test", {"mine": "train", "theirs": "test"}, rng)
+    groups = by_model_split(result, "test frames", {"mine": "train", "theirs": "test"}, rng)
     assert {g.name: g.num_frames for g in groups} == {
-        "test frames, furniture models of training": 10,
-        "test frames, unseen furniture models": 20,
-        "test frames, procedural furniture": 70,
+        "test frames; hidden: furniture models of training": 10,
+        "test frames; hidden: unseen furniture models": 20,
+        "test frames; hidden: procedural furniture": 70,
     }
-    assert by_model_split(result, "test", {}, rng) == []
+    assert by_model_split(result, "test frames", {}, rng) == []
+
+
+def test_what_the_right_caption_saves_is_a_share_with_an_interval(result, rng):
+    (group,) = (compare_group("all", result.errors_in(OBJECT), np.ones(100, dtype=bool), rng),)
+    right, empty = (result.errors[name][OBJECT] for name in (RIGHT, EMPTY))
+    assert group.saved.mean == pytest.approx(1 - right.mean() / empty.mean())
+    # By the delta method, frames being independent.
+    spread = right - empty * right.mean() / empty.mean()
+    half = 1.96 * spread.std() / np.sqrt(100) / empty.mean()
+    assert group.saved.low == pytest.approx(group.saved.mean - half, abs=0.01)
+    assert group.saved.high == pytest.approx(group.saved.mean + half, abs=0.01)
 
 
 def test_all_comparisons_are_made_and_said(result):
     other = replace(result, errors={n: dict(by, **{MARGIN: by[OBJECT]}) for n, by in result.errors.items()})
-    numbers = sum_up({"test": result, "train": other}, "test", {}, 0).numbers
-    assert [g.name for g in numbers.subsets] == [
-        "test frames: unseen buildings and textures",
-        "training frames",
-    ]
+    numbers = sum_up({"new": result, "old": other}, "new", {}, 0).numbers
+    assert [g.name for g in numbers.subsets] == ["new", "old"]
+    assert numbers.about == "new"
     assert set(numbers.regions) == set(REGIONS)
     lines = findings(numbers)
     gain = result.errors[EMPTY][OBJECT].mean() - result.errors[RIGHT][OBJECT].mean()

@@ -16,6 +16,9 @@ from pretrain.mae import LanguageGroundedMAE
 from pretrain.probing.run import probe_mae
 
 
+TEST = "test frames: unseen buildings, textures and furniture"
+
+
 @pytest.fixture(scope="module")
 def data(make_dataset, small_scene, tmp_path_factory):
     """As the usual dataset, with scenes; the test floor's chairs are an unseen model."""
@@ -74,7 +77,7 @@ def test_summary_says_what_the_rows_say(done):
     assert found["mean"] == pytest.approx(sum(errors) / len(errors))
     assert grounding["num_frames"] == 6
     names = [group["name"] for group in grounding["subsets"]]
-    assert "test frames: unseen buildings and textures" in names
+    assert TEST in names
     assert "training frames" in names
 
 
@@ -84,7 +87,7 @@ def test_furniture_models_on_record_have_rows_of_their_own(done):
     chairs = {r["key"] for r in rows if r["model"] == "chair_01" and r["split"] == "test"}
     subsets = json.loads((out / "probe.json").read_text())["grounding"]["subsets"]
     counts = {group["name"]: group["num_frames"] for group in subsets}
-    assert counts.get("test frames, unseen furniture models", 0) == len(chairs) > 0
+    assert counts.get(f"{TEST}; hidden: unseen furniture models", 0) == len(chairs) > 0
 
 
 def test_page_stands_alone_and_shows_the_numbers(done):
@@ -178,3 +181,80 @@ def test_a_folder_that_is_not_of_a_probe_is_left_alone(run, data, tmp_path):
 def test_what_is_no_model_is_refused(data, tmp_path):
     with pytest.raises(ValueError, match="holds no pretrained autoencoder"):
         probe_mae(ProbeConfig(run=str(tmp_path / "nowhere"), data=str(data)), tmp_path / "out")
+
+
+@pytest.fixture
+def other(make_dataset, small_scene, tmp_path):
+    """Makes a dataset of test frames with changes to its manifest."""
+
+    def make(name="other", num_train=0, **changes):
+        folder = make_dataset(tmp_path / name, num_train=num_train, num_test=5)
+        write_scene(folder, replace(small_scene, name="test_0", split="test"))
+        edit_manifest(folder, **changes)
+        return str(folder)
+
+    return make
+
+
+def edit_manifest(folder, **changes):
+    path = folder / "dataset.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+
+
+def holding_out(*kinds):
+    return {"config": {"splits": {"holds_out": list(kinds)}}}
+
+
+def test_datasets_that_hold_out_less_have_a_row_each(run, data, other, tmp_path):
+    others = (other("views", **holding_out()), other("walls", **holding_out("textures")))
+    seen = []
+    config = ProbeConfig(run=run, data=str(data), others=others, frames=4)
+    page = probe_mae(config, tmp_path / "out", progress=lambda *counts: seen.append(counts))
+    assert seen[-1] == (4 * 4 + 4 + 12, 4 * 4 + 4 + 12)
+    titles = [
+        "training frames",
+        "test frames: nothing unseen but views",
+        "test frames: unseen textures",
+        TEST,
+    ]
+    rows = pq.read_table(tmp_path / "out" / "probe.parquet").to_pylist()
+    assert list(dict.fromkeys(row["frames"] for row in rows)) == titles
+    assert {row["split"] for row in rows if row["frames"] != "training frames"} == {"test"}
+    subsets = json.loads((tmp_path / "out" / "probe.json").read_text())["grounding"]["subsets"]
+    found = {group["name"]: group for group in subsets}
+    assert [name for name in found if name in titles] == titles
+    mine = [r for r in rows if r["frames"] == titles[2]]
+    right, empty = (
+        [r["error_object_m"] for r in mine if r["caption"] == name and r["error_object_m"] is not None]
+        for name in ("right", "empty")
+    )
+    assert found[titles[2]]["num_frames"] == len(right) == 4
+    assert found[titles[2]]["captions"]["right"]["error_m"]["mean"] == pytest.approx(sum(right) / 4)
+    assert found[titles[2]]["saved"]["mean"] == pytest.approx(1 - sum(right) / sum(empty))
+    assert f"<td>{titles[2]}</td>" in page.read_text()
+
+
+def test_datasets_that_do_not_belong_together_are_refused(run, data, other, tmp_path):
+    def refuse_others(message, *others):
+        refuse(tmp_path / "out", message, run=run, data=str(data), others=others)
+
+    walls = other("walls", **holding_out("textures"))
+    again = other("again", **holding_out("textures"))
+    refuse_others("two of --data show the same kind of test frames: unseen textures", walls, again)
+    seed = {"config": {"scenes": {"seed": 7}, "splits": {"holds_out": []}}}
+    refuse_others(r"is of other scenes than --data .*: scenes\.seed 7 and", other("homes", **seed))
+    camera = json.loads((data / "dataset.json").read_text())["camera"]
+    camera["K"][0][0] = 40.0
+    wide = other("wide", camera=camera, **holding_out("buildings"))
+    refuse_others("was seen by another camera than --data", wide)
+
+
+def test_frames_of_another_camera_than_the_model_learned_from_are_refused(run, data, tmp_path):
+    mae = LanguageGroundedMAE.from_pretrained(run)
+    mae.intrinsics = ((30.0, 0.0, 24.0), (0.0, 30.0, 16.0), (0.0, 0.0, 1.0))
+    mae.save_pretrained(tmp_path / "same")
+    probe_mae(ProbeConfig(run=str(tmp_path / "same"), data=str(data), frames=2), tmp_path / "good")
+    mae.intrinsics = ((25.0, 0.0, 24.0), (0.0, 25.0, 16.0), (0.0, 0.0, 1.0))
+    mae.save_pretrained(tmp_path / "other")
+    message = r"focal lengths 30\.0, 30\.0 and .* learned from one of focal lengths 25\.0, 25\.0"
+    refuse(tmp_path / "out", message, run=str(tmp_path / "other"), data=str(data))

@@ -102,7 +102,9 @@ def test_a_dataset_that_holds_out_less_than_it_says_is_not_proved(furnish, tmp_p
 def test_scenes_of_another_choice_are_not_read_in_place_of_those_asked_for(furnish, tmp_path):
     furniture = furnish()
     out = render_dataset(config_of(furniture, ("models",)), tmp_path / "data")
-    with pytest.raises(ConfigError, match=r"holds scenes of splits.holds_out \['models'\]; allowed: a dataset"):
+    with pytest.raises(
+        ConfigError, match=r"holds scenes of splits.holds_out \['models'\]; allowed: a dataset"
+    ):
         open_scenes(ScenesConfig(furniture=str(furniture), baked=str(out)))
 
 
