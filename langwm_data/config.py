@@ -81,8 +81,8 @@ class SplitsConfig:
 
     test_fraction: Fraction = 0.1
     holds_out: tuple[HeldOut, ...] = EVERYTHING
-    """What test frames show that training frames do not; in all else they show what training frames do. With
-    fewer than all, a dataset tells what of the unseen it is that matters. Source: ours (ADR-0015)."""
+    """What test frames show that training frames do not; in all else they show what training frames do.
+    Source: ours (ADR-0015)."""
 
     def __post_init__(self) -> None:
         """Refuse names given twice or in another order, and frames that two floors of one name would share."""

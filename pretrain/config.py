@@ -213,11 +213,11 @@ class ProbeConfig:
     data: Annotated[str, Field(min_length=1)]
     """Folder of a dataset with frames of both splits."""
     others: tuple[str, ...] = ()
-    """Folders of datasets of the same scenes whose test frames hold out something else, such as textures alone:
-    a row each in the table of what is seen and unseen."""
+    """Folders of datasets of the same scenes whose test frames hold out something else, such as textures
+    alone: a row each in the table of what is seen and unseen."""
     frames: PositiveInt = 1000
-    """At most so many of each split and dataset with a hidden object, and so many test frames of which features
-    are read; the readers are fitted on four times as many training frames."""
+    """At most so many of each split and dataset with a hidden object, and so many test frames of which
+    features are read; the readers are fitted on four times as many training frames."""
     seed: int = 0
     """Of frames, boxes, captions, token masks, the random encoder and the intervals."""
     split: Literal["test", "train"] = "test"

@@ -14,7 +14,6 @@ import numpy as np
 
 from langwm_data.scenes.spec import MaterialRef, MaterialSlot, SceneSpec, Split
 
-
 HeldOut = Literal["buildings", "textures", "models"]
 EVERYTHING: tuple[HeldOut, ...] = ("buildings", "textures", "models")
 """What test frames show that training frames do not, unless a dataset says otherwise. Of models, those of

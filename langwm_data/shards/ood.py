@@ -35,7 +35,7 @@ class OodReport:
     held_out_models: frozenset[str]
     findings: tuple[Finding, ...]
     holds_out: tuple[HeldOut, ...] = EVERYTHING
-    """What the dataset says that its test frames do not share with training frames, which is what is proved."""
+    """What its test frames do not share with training frames, as the dataset says: that is what is proved."""
 
     @property
     def is_sound(self) -> bool:

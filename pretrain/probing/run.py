@@ -1,6 +1,7 @@
 """What ``langwm probe-mae`` does: measure, sum up, write tables and a page.
 
-Owns the order of the parts and the files. What is probed is opened in ``subject``. Numbers come from the modules beside it.
+Owns the order of the parts and the files. What is probed is opened in ``subject``; numbers come from the
+modules beside it.
 """
 
 import dataclasses

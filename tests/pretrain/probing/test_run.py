@@ -15,7 +15,6 @@ from pretrain.config import ProbeConfig, TextConfig
 from pretrain.mae import LanguageGroundedMAE
 from pretrain.probing.run import probe_mae
 
-
 TEST = "test frames: unseen buildings, textures and furniture"
 
 

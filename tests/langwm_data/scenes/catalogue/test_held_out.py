@@ -74,7 +74,7 @@ def test_what_is_not_held_out_is_as_in_training(furnish):
     assert furnished.rooms == training.rooms
     assert furnished.objects != training.objects
     check_models(furnished, ("models",))
-    with pytest.raises(ValueError, match="model .* is for test"):
+    with pytest.raises(ValueError, match=r"model .* is for test"):
         check_models(furnished, ("textures",))
     with pytest.raises(ValueError, match="marked test; building Alder is for train"):
         check_palette(same)
