@@ -85,7 +85,7 @@ class SplitsConfig:
     Source: ours (ADR-0015)."""
 
     def __post_init__(self) -> None:
-        """Refuse names given twice or in another order, and frames that two floors of one name would share."""
+        """Refuse names in another order, or twice, and frames that two floors of one name would share."""
         if self.holds_out != tuple(what for what in EVERYTHING if what in self.holds_out):
             raise ConfigError(
                 f"splits.holds_out {list(self.holds_out)} is not some of {list(EVERYTHING)}, in this order"

@@ -1,5 +1,6 @@
 """What the proofs that take minutes are made of, in seconds: kills, memory, and random damage."""
 
+import json
 import os
 import re
 import shutil
@@ -9,7 +10,7 @@ import sys
 import numpy as np
 import pytest
 
-from benchmarks import fuzz, kills, memory
+from benchmarks import fuzz, kills, memory, pretrain_kills
 from langwm_data import render_dataset
 from langwm_data.config import DatasetConfig
 from langwm_data.config_io import build_config
@@ -112,3 +113,29 @@ def test_words_of_the_card_alone_are_harmless(drive):
     in_words = fuzz.Attempt(file=CARD_FILE, what=f"byte {size - 1}, bit 0", said=())
     assert fuzz.is_harmless(drive, in_words)
     assert not fuzz.is_harmless(drive, fuzz.Attempt(file=CARD_FILE, what="byte 10, bit 0", said=()))
+
+
+def test_a_pretraining_run_that_is_killed_learns_what_an_undisturbed_one_learns(tmp_path):
+    data = build_config(DatasetConfig, {"frames": 8, **SMALL, "camera": {"height": 32, "width": 48}})
+    flags = ["--data", str(render_dataset(data, tmp_path / "data")), "--kills", "1", "--steps", "6"]
+    for setting in ("mae.height=32", "mae.width=48", "checkpoint_every=2", "valid_every=6"):
+        flags += ["--set", setting]
+    command = [sys.executable, "-m", "benchmarks.pretrain_kills", "--out", str(tmp_path / "out"), *flags]
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, env=os.environ | {"PYTHONPATH": "."}
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    lines = done.stdout.splitlines()
+    assert re.fullmatch(r"kill   1 at step \d", lines[1])
+    assert lines[-2:] == ["6 logged steps: equal", "weights: equal"]
+
+
+def test_a_run_that_learned_something_else_is_told_apart(tmp_path):
+    for name, loss in (("a", 1.0), ("b", 1.5)):
+        (tmp_path / name).mkdir()
+        row = {"step": 1, "mae/depth_loss": loss, "perf/images_per_s": 10 * loss}
+        (tmp_path / name / "metrics.jsonl").write_text(json.dumps(row) + "\n")
+    assert pretrain_kills.learned(tmp_path / "a") == [{"step": 1, "mae/depth_loss": 1.0}]
+    assert pretrain_kills.learned(tmp_path / "a") != pretrain_kills.learned(tmp_path / "b")
+    assert pretrain_kills.last_step(tmp_path / "a") == 1
+    assert pretrain_kills.last_step(tmp_path) == 0
