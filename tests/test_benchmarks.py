@@ -6,11 +6,13 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from benchmarks import fuzz, kills, memory, pretrain_kills
+from benchmarks import combinations, fuzz, kills, memory, pretrain_kills
 from langwm_data import render_dataset
 from langwm_data.config import DatasetConfig
 from langwm_data.config_io import build_config
@@ -139,3 +141,50 @@ def test_a_run_that_learned_something_else_is_told_apart(tmp_path):
     assert pretrain_kills.learned(tmp_path / "a") != pretrain_kills.learned(tmp_path / "b")
     assert pretrain_kills.last_step(tmp_path / "a") == 1
     assert pretrain_kills.last_step(tmp_path) == 0
+
+
+def test_combinations_differ_in_their_switches_alone():
+    options = SimpleNamespace(steps=3, seed=0, preset="homes", set=[])
+    configs = {name: combinations.config_of(name, options) for name in combinations.COMBINATIONS}
+    switches = {n: (c.objects.hides, c.objects.captions, c.mae.target) for n, c in configs.items()}
+    assert switches == {
+        "grounded": (True, "chosen", "depth"),
+        "masks": (True, "none", "depth"),
+        "language": (False, "chosen", "depth"),
+        "neither": (False, "none", "depth"),
+        "voltron": (False, "scene", "depth"),
+        "mwm": (False, "none", "rgb"),
+    }
+    alike = {
+        replace(c, objects=configs["grounded"].objects, mae=configs["grounded"].mae) for c in configs.values()
+    }
+    assert len(alike) == 1
+    assert {replace(c.mae, target="depth") for c in configs.values()} == {configs["grounded"].mae}
+
+
+def test_combinations_are_trained_and_asked_the_same(tmp_path, monkeypatch):
+    data = build_config(
+        DatasetConfig, {"frames": 24, **SMALL, "camera": {"height": 32, "width": 48}, "seed": 1}
+    )
+    command = ["combinations", "--out", str(tmp_path / "out")]
+    command += ["--data", str(render_dataset(data, tmp_path / "data")), "--preset", "debug"]
+    command += ["--steps", "2", "--frames", "4", "--only", "masks", "mwm"]
+    for setting in ("mae.height=32", "mae.width=48", "valid_every=2"):
+        command += ["--set", setting]
+    monkeypatch.setattr(sys, "argv", command)
+    combinations.main()
+    rows = [line for line in (tmp_path / "out/combinations.md").read_text().splitlines() if "|" in line]
+    assert [row.split("|")[1].strip() for row in rows[2:]] == [
+        "object masks",
+        "colours, as MWM",
+        "random encoder",
+        "raw frame",
+        "without looking",
+    ]
+    errors = json.loads((tmp_path / "out/combinations.json").read_text())["depth"]["masks"]["captions"][
+        "empty"
+    ]["error_m"]
+    assert (
+        rows[2].split("|")[3].strip() == f"{errors['mean']:.3f} [{errors['low']:.3f}, {errors['high']:.3f}]"
+    )
+    assert not rows[3].split("|")[3].strip()
