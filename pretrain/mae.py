@@ -4,7 +4,6 @@ Owns the network and its file. Which objects are hidden and what is said about t
 ``object_masking``; captions become embeddings in ``language``; losses stand in ``losses``.
 """
 
-import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -26,6 +25,7 @@ from pretrain.model_file import (
     load_model_file,
     save_model_file,
 )
+from pretrain.supplied import check_frames, check_masks, check_text
 from pretrain.transformer import Transformer, grid_positions, sincos_2d
 
 IMAGENET_MEAN = (0.485, 0.456, 0.406)
@@ -248,28 +248,25 @@ class LanguageGroundedMAE(nn.Module):
         Args:
             rgb: Frames.
             text: Captions, from ``FrozenText.embed``; the empty caption if not given.
-            is_hidden: Pixels that are not to be seen, such as ``boxes_mask`` gives them.
+            is_hidden: Pixels that are not to be seen, such as ``supplied.boxes_mask`` gives them.
             is_dropped: Visual tokens that are left out, as many in every frame.
 
         Raises:
-            ValueError: If the frames are not of the size this model was trained on, or another number of
-                tokens is dropped in some frame, or all.
+            ValueError: If the frames are not of the type or size this model was trained on, or a mask or the
+                captions are of another shape, or another number of tokens is dropped in some frame, or all.
         """
-        self._check_size(rgb)
+        check_frames(rgb, self.config)
+        check_masks(len(rgb), self.config, is_hidden, is_dropped)
+        check_text(len(rgb), self.null_embed, text)
         num_patches = self.config.num_patches
         if is_dropped is None:
             is_dropped = torch.zeros(len(rgb), num_patches, dtype=torch.bool, device=rgb.device)
-        counts = set(is_dropped.sum(dim=1).tolist())
-        if len(counts) != 1 or counts == {num_patches}:
-            raise ValueError(
-                f"is_dropped leaves out {sorted(counts)} of {num_patches} tokens;"
-                " allowed: as many in every frame, and not all"
-            )
+        num_kept = num_patches - int(is_dropped[:1].sum())
         with evaluating(self):
             # Among the tokens that stay, and among those that go, the order is kept.
             noise = is_dropped.float() + torch.arange(num_patches, device=rgb.device) / (2 * num_patches)
             told = self.null_text(len(rgb)) if text is None else text
-            return self._predict(self.patchify(rgb, is_hidden), told, noise, num_patches - counts.pop())
+            return self._predict(self.patchify(rgb, is_hidden), told, noise, num_kept)
 
     @torch.no_grad()
     def encode(self, rgb: UInt8[Tensor, "B H W 3"]) -> Float[Tensor, "B cls_and_N D"]:
@@ -279,20 +276,15 @@ class LanguageGroundedMAE(nn.Module):
         same bytes.
 
         Raises:
-            ValueError: If the frames are not of the size this model was trained on.
+            ValueError: If the frames are not of the type or size this model was trained on.
         """
-        self._check_size(rgb)
+        check_frames(rgb, self.config)
         with evaluating(self):
             return self.features(rgb)
 
     def features(self, rgb: UInt8[Tensor, "B H W 3"]) -> Float[Tensor, "B cls_and_N D"]:
         """What ``encode`` gives, as a plain function of tensors: with gradients, in the mode of the model."""
         return self.encode_tokens(self.patchify(rgb), self.null_text(rgb.shape[0])).float()
-
-    def _check_size(self, rgb: Tensor) -> None:
-        expected = (self.config.height, self.config.width, 3)
-        if tuple(rgb.shape[1:]) != expected:
-            raise ValueError(f"frames of shape {tuple(rgb.shape[1:])}; this model reads {expected}")
 
     def save_pretrained(self, folder: Path) -> None:
         """Write ``config.json`` and ``model.safetensors``."""
@@ -319,18 +311,6 @@ class LanguageGroundedMAE(nn.Module):
         model.load_state_dict(tensors)
         model.intrinsics = intrinsics
         return model.eval()
-
-
-def boxes_mask(
-    boxes_xyxy: Sequence[Sequence[tuple[float, float, float, float]]], height: int, width: int
-) -> Bool[Tensor, "B H W"]:
-    """The pixels inside the boxes of each frame: edges in pixels, right and bottom exclusive."""
-    mask = torch.zeros(len(boxes_xyxy), height, width, dtype=torch.bool)
-    for number, boxes in enumerate(boxes_xyxy):
-        for x1, y1, x2, y2 in boxes:
-            left, top = max(math.floor(x1), 0), max(math.floor(y1), 0)
-            mask[number, top : max(math.ceil(y2), 0), left : max(math.ceil(x2), 0)] = True
-    return mask
 
 
 @contextmanager

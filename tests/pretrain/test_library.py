@@ -11,7 +11,7 @@ import torch
 from pretrain import LanguageGroundedMAE
 from pretrain.config import TextConfig
 from pretrain.export import push_to_hub
-from pretrain.mae import boxes_mask
+from pretrain.supplied import boxes_mask
 
 
 @pytest.fixture

@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch.nn import functional as F
 
+from langwm_data.config_io import load_config
 from pretrain.batch import TextTokens
-from pretrain.config import MAEConfig, TextConfig
+from pretrain.config import MAEConfig, PretrainConfig, TextConfig
 from pretrain.losses import mae_loss
 from pretrain.mae import IMAGENET_MEAN, IMAGENET_STD, LanguageGroundedMAE, random_masking
 
@@ -60,6 +61,18 @@ def test_token_counts_of_the_paper(make_text, make_batch):
     assert features.shape == (1, 1 + 80, 256)
     assert config.grid == (8, 10)
     assert config.patch_px**2 == 16 * 16
+
+
+def test_parameters_are_as_many_as_the_papers_table_makes(make_text):
+    config = load_config(PretrainConfig, "pretrain", presets=["paper"])
+    mae = LanguageGroundedMAE(config.mae, config.text, make_text(1, width=768))
+    convolutions = 16 * (3 * 32 + 32 * 64 + 64 * 128 + 128 * 256) + 32 + 64 + 128 + 256
+    block = 4 * (256 * 256 + 256) + 2 * 4 * 256 * 256 + 5 * 256 + 4 * 256
+    patchify, language, norms = 256 * 256 + 256, 768 * 256 + 256, 2 * 2 * 256
+    decoder_embed, heads, tokens = 256 * 256 + 256, 256 * 256 + 256 + 257, 6 * 256
+    counted = convolutions + patchify + language + 7 * block + norms + decoder_embed + heads + tokens
+    assert sum(p.numel() for p in mae.parameters()) == counted
+    assert counted == pytest.approx(6.6e6, rel=0.02)
 
 
 def test_forward_agrees_with_the_equations_written_out(mae, make_batch):
