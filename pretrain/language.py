@@ -28,6 +28,12 @@ MINILM_SHA256 = "53aa51172d142c89d9012cce15ae4d6cc0ca6895895114379cacb4fab128d9d
 POOLED = "[all]"
 """In the place of a word: the token for the whole sentence."""
 
+MAX_CHARACTERS = 4000
+"""Of a caption. A longer one is a mistake: what comes after its first words is cut off anyway."""
+_MOST_BROKEN = 0.5
+"""Of the pieces of a caption, those that are unknown or go on with a word: with more, its words are not the
+model's. A language in the model's own letters cannot be told in this way."""
+_CONTINUES = "##"
 _CHUNK = 32
 _SENTENCE_END = re.compile(r"(?<=[.!?])\s+")
 
@@ -78,7 +84,16 @@ class FrozenText:
         return self.embed([""])[0]
 
     def embed(self, captions: Sequence[str]) -> tuple[TextTokens, Bool[Tensor, " B"]]:
-        """Tokens of captions, on the CPU, and which captions were cut to fit."""
+        """Tokens of captions, on the CPU, and which captions were cut to fit.
+
+        Raises:
+            ValueError: If a caption is far too long, or its words are unknown to the model.
+        """
+        for caption in captions:
+            if len(caption) > MAX_CHARACTERS:
+                raise ValueError(
+                    f"caption {caption[:30]!r}... has {len(caption)} characters; allowed: {MAX_CHARACTERS}"
+                )
         places = self.config.num_sentences
         parts = [(caption,) if places == 1 else split_sentences(caption) for caption in captions]
         rows = self._look_up([part for held in parts for part in held[:places]])
@@ -100,6 +115,16 @@ class FrozenText:
             pieces = self._tokenizer.convert_ids_to_tokens(ids)
             found += [*pieces, *[""] * (length - len(pieces)), POOLED]
         return found + [""] * (self.config.num_language_tokens - len(found))
+
+    def _check_known(self, caption: str, ids: Sequence[int]) -> None:
+        pieces = self._tokenizer.convert_ids_to_tokens(ids)[1:-1]  # all but [CLS] and [SEP]
+        unknown = self._tokenizer.unk_token
+        num_broken = sum(piece == unknown or piece.startswith(_CONTINUES) for piece in pieces)
+        if num_broken > _MOST_BROKEN * len(pieces):
+            raise ValueError(
+                f"caption {caption[:30]!r} is in no language that text.model {self.config.model!r} reads:"
+                f" {num_broken} of its {len(pieces)} pieces are unknown or parts of words"
+            )
 
     def _look_up(self, texts: Sequence[str]) -> dict[str, _Row]:
         """The rows of texts, from memory where they are there, and remembered as the latest."""
@@ -132,7 +157,10 @@ class FrozenText:
         inputs = self._tokenizer(
             padded, padding="max_length", max_length=length, truncation=True, return_tensors="pt"
         )
-        lengths = [len(ids) for ids in self._tokenizer(list(captions), truncation=False)["input_ids"]]
+        pieces = self._tokenizer(list(captions), truncation=False)["input_ids"]
+        for caption, ids in zip(captions, pieces, strict=True):
+            self._check_known(caption, ids)
+        lengths = list(map(len, pieces))
         use_bf16 = self.config.precision == "bf16"
         with torch.autocast(self._device.type, torch.bfloat16, enabled=use_bf16):
             output = self._model(**inputs.to(self._device))

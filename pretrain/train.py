@@ -13,7 +13,7 @@ from typing import Any
 import torch
 
 from langwm_data import atomic
-from langwm_data.config_io import ConfigError, claim_output
+from langwm_data.config_io import CONFIG_FILE, ConfigError, claim_output
 from langwm_data.png import encode_png
 from langwm_data.shards.dataset import ShardDataset
 from pretrain.average import WeightAverage
@@ -131,6 +131,11 @@ def _open_frames(config: PretrainConfig, data: Path) -> _Frames:
     train, valid = (open_split(data, split, size, config.ram_mib) for split in ("train", "test"))
     if train is None:
         raise ConfigError(f"--data {str(data)!r} has no training frames")
+    if config.objects.captions != "none" and not any(train.objects):
+        raise ConfigError(
+            f"--data {str(data)!r} has no captions: no training frame shows an object that is worth one;"
+            " allowed: a dataset that has some, or objects.captions=none"
+        )
     return _Frames(train=train, valid=valid, fingerprint=ShardDataset(data).manifest.fingerprint)
 
 
@@ -160,9 +165,15 @@ def _make_learner(
     )
     if held is not None:
         learner.step, state = held
-        learner.mae.load_state_dict(state["mae"])
-        learner.optimizer.load_state_dict(state["optimizer"])
-        learner.average.load_state_dict(state["average"])
+        try:
+            learner.mae.load_state_dict(state["mae"])
+            learner.optimizer.load_state_dict(state["optimizer"])
+            learner.average.load_state_dict(state["average"])
+        except (KeyError, RuntimeError, ValueError) as error:
+            raise ConfigError(
+                f"the last checkpoint, of step {learner.step}, is of another architecture than {CONFIG_FILE}"
+                " asks for; use the configuration that it was made with, or --fresh to start over"
+            ) from error
     if config.optimizer.is_compiled:
         mae.compile()
     return learner
@@ -185,7 +196,7 @@ def _load(out: Path, fingerprint: str, device: str) -> tuple[int, dict[str, Any]
     if folder is None:
         return None
     step, state = load_checkpoint(folder, device)
-    if state["data_fingerprint"] != fingerprint:
+    if state.get("data_fingerprint") != fingerprint:
         raise ConfigError(
             f"--out {str(out)!r} was trained on another dataset than --data;"
             " use another folder, the same dataset, or --fresh to start over"

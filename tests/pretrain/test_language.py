@@ -185,3 +185,24 @@ def test_tampered_weights_are_refused(tmp_path):
     check_sha256(path, hashlib.sha256(b"weights").hexdigest())
     with pytest.raises(ConfigError, match=r"has sha256 \w+, not 00; install the package again"):
         check_sha256(path, "00")
+
+
+@pytest.mark.parametrize(
+    "caption",
+    ["Стул находится слева в двух метрах.", "椅子在左边两米处。", "الكرسي على اليسار", "qwlekj zxmcnb sdfg"],
+)
+def test_captions_in_letters_of_no_known_language_are_refused(minilm, caption):
+    with pytest.raises(ValueError, match=r"is in no language that text.model 'minilm' reads: \d+ of its \d+"):
+        minilm.embed([CAPTIONS[0], caption])
+
+
+def test_a_strange_noun_in_a_sentence_is_read(minilm):
+    tokens, _ = minilm.embed(["There is Zafferano chiffonier in the left 2 meters."])
+    assert tokens.embed.isfinite().all()
+
+
+def test_captions_of_ten_thousand_words_are_refused_and_long_ones_are_cut(minilm):
+    with pytest.raises(ValueError, match=r"caption 'chair chair .*has 60000 characters; allowed: 4000"):
+        minilm.embed(["chair " * 10_000])
+    _, is_cut = minilm.embed(["There is a chair and " * 100])
+    assert is_cut.tolist() == [True]

@@ -77,6 +77,52 @@ def test_frames_of_another_size_are_refused(mae):
         mae.fill_in(torch.zeros(1, 16, 16, 3, dtype=torch.uint8))
 
 
+WRONG = """
+import sys, numpy as np, torch
+from pretrain import LanguageGroundedMAE
+from pretrain.batch import TextTokens
+mae = LanguageGroundedMAE.from_pretrained(sys.argv[1])
+rgb = torch.zeros(3, 32, 48, 3, dtype=torch.uint8)
+text = lambda num, width: TextTokens(
+    embed=torch.zeros(num, 21, width), attend=torch.ones(num, 21, dtype=torch.bool)
+)
+for use, frames, more in (
+    (mae.encode, torch.full((1, 32, 48, 3), torch.nan), {}),
+    (mae.fill_in, torch.zeros(1, 32, 48, 3, dtype=torch.int64), {}),
+    (mae.encode, np.zeros((1, 32, 48, 3), dtype=np.uint8), {}),
+    (mae.encode, rgb[0], {}),
+    (mae.fill_in, rgb.permute(0, 3, 1, 2), {}),
+    (mae.fill_in, rgb, {"is_hidden": torch.zeros(3, 48, 32, dtype=torch.bool)}),
+    (mae.fill_in, rgb, {"is_dropped": torch.zeros(3, 24)}),
+    (mae.fill_in, rgb, {"text": text(3, 9)}),
+    (mae.fill_in, rgb, {"text": text(2, 16)}),
+):
+    try:
+        use(frames, **more)
+    except ValueError as error:
+        print(error)
+"""
+
+
+def test_what_does_not_fit_is_refused_in_a_sentence(mae, tmp_path):
+    """In a process of its own, where no shapes are checked but by the program itself."""
+    mae.save_pretrained(tmp_path)
+    done = subprocess.run(
+        [sys.executable, "-c", WRONG, str(tmp_path)], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.splitlines() == [
+        "frames of type torch.float32; this model reads torch.uint8, colours from 0 to 255",
+        "frames of type torch.int64; this model reads torch.uint8, colours from 0 to 255",
+        "frames of type ndarray; this model reads torch.uint8, colours from 0 to 255",
+        "frames of shape (48, 3); this model reads (32, 48, 3), in a batch",
+        "frames of shape (3, 32, 48); this model reads (32, 48, 3), in a batch",
+        "is_hidden is torch.bool (3, 48, 32); for these frames and this model, torch.bool (3, 32, 48)",
+        "is_dropped is torch.float32 (3, 24); for these frames and this model, torch.bool (3, 24)",
+        "text.embed is torch.float32 (3, 21, 9); for these frames and this model, torch.float32 (3, 21, 16)",
+        "text.embed is torch.float32 (2, 21, 16); for these frames and this model, torch.float32 (3, 21, 16)",
+    ]
+
+
 EXPORT = """
 import sys, torch
 from pretrain import LanguageGroundedMAE

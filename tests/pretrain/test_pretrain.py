@@ -1,6 +1,7 @@
 """Training: learns, resumes to the same numbers, stops when asked, refuses what cannot work."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -252,3 +253,27 @@ def test_package_exports_only_what_it_names():
     assert pretrain.pretrain_mae is train.pretrain_mae
     with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
         _ = pretrain.nothing
+
+
+def test_a_dataset_without_captions_is_refused_where_language_is_wanted(
+    pretrain_config, data_folder, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("pretrain.dataset._objects_by_frame", lambda shards: [[] for _ in shards.keys])
+    message = r"has no captions: no training frame shows .* or objects\.captions=none"
+    with pytest.raises(ConfigError, match=message):
+        pretrain_mae(pretrain_config, data_folder, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    objects = replace(pretrain_config.objects, captions="none")
+    pretrain_mae(replace(pretrain_config, objects=objects), data_folder, tmp_path / "out")
+
+
+def test_a_checkpoint_of_another_architecture_is_refused(pretrain_config, data_folder, tmp_path):
+    small = replace(pretrain_config, mae=replace(pretrain_config.mae, dim=16))
+    for name, config in (("own", pretrain_config), ("small", small)):
+        pretrain_mae(replace(config, steps=2), data_folder, tmp_path / name)
+    shutil.rmtree(tmp_path / "own/checkpoints")
+    shutil.copytree(tmp_path / "small/checkpoints", tmp_path / "own/checkpoints")
+    with pytest.raises(
+        ConfigError, match=r"checkpoint, of step 2, is of another architecture than config\.yaml"
+    ):
+        pretrain_mae(pretrain_config, data_folder, tmp_path / "own")
