@@ -1,4 +1,4 @@
-"""Checkpoints: folders that count only once their ``done`` marker exists.
+"""Checkpoints: folders that count only once their ``done`` marker exists, which has the state's checksum.
 
 Owns names, atomic writing and safe reading. What a checkpoint holds is the training loop's affair:
 tensors, numbers, strings, lists and dicts. Nothing else is ever unpickled.
@@ -13,6 +13,7 @@ from typing import Any
 import torch
 
 from langwm_data import atomic
+from langwm_data.shards.writer import sha256_of
 
 CHECKPOINTS = "checkpoints"
 SCHEMA_VERSION = 1
@@ -35,7 +36,7 @@ def save_checkpoint(run: Path, step: int, state: Mapping[str, Any], *, keep: int
         shutil.rmtree(folder)
     with atomic.atomic_path(folder / _STATE) as temporary:
         torch.save({"schema_version": SCHEMA_VERSION, "step": step, "state": dict(state)}, temporary)
-    atomic.write_text(folder / _DONE, "")
+    atomic.write_text(folder / _DONE, sha256_of(folder / _STATE))
     for old in _complete(run)[:-keep]:
         (old / _DONE).unlink()
         shutil.rmtree(old)
@@ -56,6 +57,9 @@ def load_checkpoint(folder: Path, device: str | torch.device = "cpu") -> tuple[i
     """
     path = folder / _STATE
     try:
+        said = (folder / _DONE).read_text("utf-8")  # empty where it was written before there were checksums
+        if said and said != sha256_of(path):
+            raise OSError("it was changed after it was written")
         held = torch.load(path, map_location=device, weights_only=True)
     except (OSError, RuntimeError, EOFError, pickle.UnpicklingError) as error:
         raise ValueError(

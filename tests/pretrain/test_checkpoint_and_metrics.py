@@ -111,3 +111,15 @@ def test_lines_after_the_step_resumed_from_are_taken_back(tmp_path):
 
 def test_no_run_no_metrics(tmp_path):
     assert read_metrics(tmp_path) == []
+
+
+def test_a_flipped_bit_is_refused_where_the_checksum_is_known(tmp_path):
+    folder = save_checkpoint(tmp_path, 1, state(1))
+    data = bytearray((folder / "state.pt").read_bytes())
+    place = data.index(torch.full((2,), 1.0).numpy().tobytes())
+    data[place] ^= 1
+    (folder / "state.pt").write_bytes(data)
+    with pytest.raises(ValueError, match=r"state\.pt cannot be read; remove its folder"):
+        load_checkpoint(folder)
+    (folder / "done").write_text("")  # as it was written before there were checksums
+    assert load_checkpoint(folder)[0] == 1
