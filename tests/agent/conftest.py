@@ -1,6 +1,7 @@
 """A stand-in for the homes: PointGoal in an empty room, seen through a camera that shows nothing."""
 
 import math
+import re
 
 import gymnasium
 import numpy as np
@@ -20,6 +21,7 @@ from agent.config import (
     WorldModelConfig,
 )
 from langwm_data.config import CameraConfig
+from langwm_data.labels.captions import TEMPLATES
 from pretrain.batch import FrameObject, TextTokens
 from pretrain.config import MAEConfig, OptimConfig, TextConfig
 from pretrain.mae import LanguageGroundedMAE
@@ -123,11 +125,13 @@ def tiny_mae_config():
 
 @pytest.fixture(scope="session")
 def tiny_text(tmp_path_factory):
-    """A BERT with random weights that knows a handful of words."""
+    """A BERT with random weights that knows the words of captions about chairs."""
     from transformers import BertConfig, BertModel, BertTokenizer
 
     folder = tmp_path_factory.mktemp("text")
-    words = ["[PAD]", "[UNK]", "[CLS]", "[SEP]", "[MASK]", "chair", "left", "front", "right", "there", "is"]
+    words = ["[PAD]", "[UNK]", "[CLS]", "[SEP]", "[MASK]", "chair", "left", "front", "right", "outer"]
+    words += sorted(set(re.findall(r"\w+|\W", " ".join(TEMPLATES).lower()))) + ["meter", "meters", "half"]
+    words += map(str, range(11))
     (folder / "vocab.txt").write_text("\n".join(words))
     BertTokenizer(str(folder / "vocab.txt")).save_pretrained(folder)
     sizes = {"hidden_size": 8, "num_hidden_layers": 1, "num_attention_heads": 2, "intermediate_size": 8}
