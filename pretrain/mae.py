@@ -148,10 +148,11 @@ class LanguageGroundedMAE(nn.Module):
         return self.cls_token.device
 
     def null_text(self, batch_size: int) -> TextTokens:
-        """The empty caption, once for each image."""
+        """The empty caption, once for each image, without the places for more sentences, unseen."""
+        length = self.text.num_tokens + 1
         return TextTokens(
-            embed=self.null_embed.expand(batch_size, -1, -1),
-            attend=self.null_attend.expand(batch_size, -1),
+            embed=self.null_embed[:, :length].expand(batch_size, -1, -1),
+            attend=self.null_attend[:, :length].expand(batch_size, -1),
         )
 
     def patchify(
@@ -176,11 +177,10 @@ class LanguageGroundedMAE(nn.Module):
         """
         batch_size, num_visual = visual.shape[:2]
         cls = self.cls_token.expand(batch_size, 1, -1)
-        language = self.text_proj(text.embed)
-        # The last token of every sentence's place is its pooled one.
-        places = rearrange(language, "b (s l) d -> b s l d", s=self.text.num_sentences)
-        words, pooled = places[:, :, :-1] + self.text_modality, places[:, :, -1:] + self.pooled_modality
-        language = rearrange(torch.cat([words, pooled], dim=2), "b s l d -> b (s l) d")
+        # The last token of every sentence's place is its pooled one; there may be fewer places than allowed.
+        place = torch.stack([*[self.text_modality] * self.text.num_tokens, self.pooled_modality])
+        num_places = text.embed.shape[1] // len(place)
+        language = self.text_proj(text.embed) + place.repeat(num_places, 1)
         attend = torch.cat([text.attend.new_ones(batch_size, 1 + num_visual), text.attend], dim=1)
         tokens = self.encoder(torch.cat([cls, visual, language], dim=1), attend)
         return tokens[:, : 1 + num_visual]

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from langwm_data.config import RobotConfig
 from langwm_data.config_io import build_config
+from pretrain.batch import TextTokens
 from pretrain.dataset import FrameDataset
 from pretrain.mae import LanguageGroundedMAE
 from pretrain.probing.targets import nearest_obstacle, number_groups, room_kinds
@@ -68,7 +69,8 @@ def random_encoder(mae: LanguageGroundedMAE, seed: int) -> Encoder:
     """The same architecture as it was before it learned anything."""
     with torch.random.fork_rng([]):
         torch.manual_seed(torch_seed(seed, "random encoder"))
-        fresh = LanguageGroundedMAE(mae.config, mae.text, mae.null_text(1))
+        null = TextTokens(embed=mae.null_embed, attend=mae.null_attend)
+        fresh = LanguageGroundedMAE(mae.config, mae.text, null)
     return mae_encoder(fresh.to(mae.device).eval())
 
 

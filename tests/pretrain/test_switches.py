@@ -78,6 +78,19 @@ def test_144_tokens_with_three_sentences_apart(make_text):
     assert 1 + 80 + config.num_language_tokens == 144
 
 
+def test_places_that_nobody_looks_at_are_left_out_of_the_empty_caption(apart, mae_config, make_batch):
+    torch.manual_seed(0)
+    mae = LanguageGroundedMAE(mae_config, apart.config, apart.null_text).eval()
+    rgb = make_batch(mae_config).rgb
+    seen = []
+    mae.encoder.register_forward_pre_hook(lambda _, arguments: seen.append(arguments[0].shape[1]))
+    whole, _ = apart.embed([""] * len(rgb))
+    with torch.no_grad():
+        expected = mae.encode_tokens(mae.patchify(rgb), whole)
+    torch.testing.assert_close(mae.encode(rgb), expected)
+    assert seen == [1 + mae_config.num_patches + 3 * 21, 1 + mae_config.num_patches + 21]
+
+
 def test_a_model_of_sentences_apart_is_read_back(apart, mae_config, make_batch, tmp_path):
     mae = LanguageGroundedMAE(mae_config, apart.config, apart.null_text).eval()
     mae.save_pretrained(tmp_path)
