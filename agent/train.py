@@ -106,12 +106,19 @@ class _Run:
         self._num_updates = 0
         self._means = _Means()
         self._agent = agent
-        self._learner = find_system(config.system).make_learner(agent.model, config)
+        system = find_system(config.system)
+        self._learner = system.make_learner(agent.model, config)
         self._random = make_random_policy(derive_seed(config.seed, "prefill"))
         state = self._load()
         self._replay = Replay(config.replay, out / REPLAY_FOLDER, state.get("replay"))
         first_seed = derive_seed(config.seed, "episodes") % 2**31
-        self._collector = Collector(env, seed=first_seed, state=state.get("collector"))
+        self._collector = Collector(
+            env,
+            seed=first_seed,
+            state=state.get("collector"),
+            with_depth=system.needs_depth(config),
+            with_objects=system.needs_labels(config),
+        )
         self._collector.policy_state = state.get("policy_state")
 
     @property
