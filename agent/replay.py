@@ -3,8 +3,8 @@
 Owns the files of past episodes and how steps are drawn. Knows no environment and no model.
 
 Memory holds an index and the columns of a few numbers; everything else stays in one file for each episode
-(``replay_files``). At 128x160 a step takes 61,468 bytes of RGB and numbers, 102,428 with depth and some
-hundreds for objects: the paper's 3e5 steps are 18.4 GB or 31 GB. Episodes that were evicted since the last
+(``replay_files``). At 128x160 a step takes 61,468 bytes of RGB and numbers, or 103,108 with depth and a
+dozen objects: the paper's 3e5 steps are 18.4 GB or 30.9 GB. Episodes that were evicted since the last
 checkpoint come on top.
 """
 
@@ -19,30 +19,30 @@ from jaxtyping import Int64
 
 from agent.config import ReplayConfig
 from agent.replay_episodes import ReplayBatch, ReplayEpisode, TransitionBatch
-from agent.replay_files import FEATURE, read_entry, write_episode
+from agent.replay_files import FEATURE, read_entry, step_bytes, write_episode
 from langwm_data.config_io import ConfigError
 from langwm_data.shards.sample import to_metres
 
-__all__ = ["Replay", "ReplayBatch", "ReplayEpisode", "TransitionBatch", "check_disk"]
+__all__ = ["Replay", "ReplayBatch", "ReplayEpisode", "TransitionBatch", "check_disk", "step_bytes"]
 
 
-def check_disk(folder: Path, *, steps: int, step_bytes: int) -> None:
+def check_disk(folder: Path, *, steps: int, bytes_a_step: int) -> None:
     """Refuse a buffer that will not fit.
 
     Args:
         folder: Where it will lie; what it holds already counts as room.
         steps: Steps that it will hold at most.
-        step_bytes: Bytes of one of them.
+        bytes_a_step: As ``step_bytes`` says.
 
     Raises:
         ConfigError: If the disk has less room than that.
     """
     there = next(p for p in (folder, *folder.absolute().parents) if p.exists())
     held = sum(path.stat().st_size for path in folder.glob("episode-*")) if folder.is_dir() else 0
-    room, needed = shutil.disk_usage(there).free + held, steps * step_bytes
+    room, needed = shutil.disk_usage(there).free + held, steps * bytes_a_step
     if needed > room:
         raise ConfigError(
-            f"replay.capacity_steps: {steps} steps of {step_bytes} bytes take {needed / 1e9:.1f} GB but"
+            f"replay.capacity_steps: {steps} steps of {bytes_a_step} bytes take {needed / 1e9:.1f} GB but"
             f" {str(folder)!r} has room for {room / 1e9:.1f} GB; lower it or give another --out"
         )
 

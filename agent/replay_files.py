@@ -25,6 +25,8 @@ from pretrain.batch import FrameObject
 SCHEMA_VERSION = 3
 OBJECT_BYTES = 56
 """Of one object seen at one step."""
+OBJECTS_A_STEP = 12
+"""How many there are of them, in round figures: the homes show fewer."""
 FEATURE = "feature/"
 """Prefix of columns that hold features."""
 _DTYPES = {
@@ -115,17 +117,21 @@ class StoredEpisode:
             buffer, position = buffer[count:], position + count
 
 
-def step_bytes(height: int, width: int, numbers: int, *, with_depth: bool, features: int = 0) -> int:
-    """Bytes on disk of one step, without its objects (``OBJECT_BYTES`` each).
+def step_bytes(
+    height: int, width: int, numbers: int, *, with_depth: bool, with_objects: bool, features: int = 0
+) -> int:
+    """Bytes on disk of one step.
 
     Args:
         height: Of the frame, pixels.
         width: Of the frame, pixels.
         numbers: Entries of task observation and action together.
         with_depth: Whether depth is stored.
+        with_objects: Whether objects are stored; ``OBJECTS_A_STEP`` are assumed.
         features: Numbers that were computed once a step.
     """
-    return height * width * (5 if with_depth else 3) + 4 * (numbers + 1) + 2 * features
+    objects = 8 + OBJECT_BYTES * OBJECTS_A_STEP if with_objects else 0
+    return height * width * (5 if with_depth else 3) + 4 * (numbers + 1) + objects + 2 * features
 
 
 def write_episode(path: Path, episode: ReplayEpisode) -> StoredEpisode:

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file, save
 from torch import Tensor
 
 from langwm_data import atomic
@@ -23,11 +23,15 @@ _WEIGHTS = "model.safetensors"
 
 
 def save_model_file(folder: Path, mae: MAEConfig, text: TextConfig, tensors: Mapping[str, Tensor]) -> None:
-    """Write both files, the weights first: a config stands for weights that are there."""
+    """Write both files, the weights first: a config stands for weights that are there.
+
+    Raises:
+        OSError: If the weights cannot be written, for instance on a full disk; what was there stays.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / _CONFIG).unlink(missing_ok=True)
     with atomic.atomic_path(folder / _WEIGHTS) as temporary:
-        save_file({name: t.detach().cpu().contiguous() for name, t in tensors.items()}, temporary)
+        temporary.write_bytes(save({name: t.detach().cpu().contiguous() for name, t in tensors.items()}))
+        (folder / _CONFIG).unlink(missing_ok=True)
     held = {"schema_version": SCHEMA_VERSION, "mae": config_to_dict(mae), "text": config_to_dict(text)}
     atomic.write_json(folder / _CONFIG, held)
 

@@ -107,12 +107,11 @@ def random_crop(
     frames: Frames, size: tuple[int, int], generator: torch.Generator
 ) -> UInt8[Tensor, "B S h w 3"]:
     """Of each stack a window of that size at a place of its own."""
-    places = _random_places(frames, (frames.shape[2] - size[0], frames.shape[3] - size[1]), generator)
-    rows = places[:, :1] + torch.arange(size[0], device=frames.device)
-    columns = places[:, 1:] + torch.arange(size[1], device=frames.device)
-    stacks = torch.arange(len(frames), device=frames.device)[:, None, None]
-    # The indices lie on both sides of the stack's axis, which therefore ends up behind them.
-    return frames[stacks, :, rows[:, :, None], columns[:, None]].permute(0, 3, 1, 2, 4)
+    height, width = size
+    places = _random_places(frames, (frames.shape[2] - height, frames.shape[3] - width), generator)
+    # One slice for each stack: on a CPU a sixtieth of the time that one gather for all of them takes.
+    pairs = zip(frames, places.tolist(), strict=True)
+    return torch.stack([stack[:, y : y + height, x : x + width] for stack, (y, x) in pairs])
 
 
 def translate(
@@ -123,10 +122,8 @@ def translate(
     if places is None:
         places = _random_places(frames, (size[0] - height, size[1] - width), generator)
     canvas = frames.new_zeros(*frames.shape[:2], *size, 3)
-    rows = places[:, :1] + torch.arange(height, device=frames.device)
-    columns = places[:, 1:] + torch.arange(width, device=frames.device)
-    stacks = torch.arange(len(frames), device=frames.device)[:, None, None]
-    canvas[stacks, :, rows[:, :, None], columns[:, None]] = frames.permute(0, 2, 3, 1, 4)
+    for place, stack, (y, x) in zip(canvas, frames, places.tolist(), strict=True):
+        place[:, y : y + height, x : x + width] = stack
     return canvas, places
 
 
@@ -199,4 +196,4 @@ def _random_places(frames: Frames, room: tuple[int, int], generator: torch.Gener
 
 
 def _as_pixels(frames: UInt8[Tensor, "B S h w 3"]) -> Pixels:
-    return frames.permute(0, 1, 4, 2, 3).float() / 255
+    return frames.permute(0, 1, 4, 2, 3).contiguous().float().div_(255)

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from full_disk import largest_file
 from made_up_episodes import assert_same_batch, make_episode, make_replay, rng
 from safetensors.numpy import load_file, save_file
 
@@ -58,6 +59,13 @@ def test_a_full_disk_leaves_the_buffer_as_it_was(tmp_path, monkeypatch):
     assert replay.num_episodes == 3
 
 
+def test_what_the_system_refuses_to_write_leaves_the_buffer_as_it_was(tmp_path):
+    replay = make_replay(tmp_path, [6])
+    with largest_file(3000), pytest.raises(OSError, match=r"File too large.*episode-00000001.safetensors"):
+        replay.add(make_episode(1, 90))
+    assert (replay.num_episodes, len(list(tmp_path.iterdir()))) == (1, 1)
+
+
 def damage_shape(path):
     length = int.from_bytes(path.read_bytes()[:8], "little")
     header = json.loads(path.read_bytes()[8 : 8 + length])
@@ -95,11 +103,11 @@ def test_an_episode_that_shrinks_while_it_is_used_is_named(tmp_path):
 
 
 def test_a_buffer_that_will_not_fit_is_refused(tmp_path):
-    check_disk(tmp_path / "run" / "replay", steps=10, step_bytes=100)
+    check_disk(tmp_path / "run" / "replay", steps=10, bytes_a_step=100)
     with pytest.raises(
         ConfigError, match=r"replay.capacity_steps: 300000 steps of 999999999 bytes take 300000.0 GB"
     ):
-        check_disk(tmp_path / "run" / "replay", steps=300_000, step_bytes=999_999_999)
+        check_disk(tmp_path / "run" / "replay", steps=300_000, bytes_a_step=999_999_999)
     assert not (tmp_path / "run").exists()
 
 
@@ -107,6 +115,6 @@ def test_what_a_resumed_buffer_holds_is_room(tmp_path, monkeypatch):
     make_replay(tmp_path, [50])
     held = sum(p.stat().st_size for p in Path(tmp_path).iterdir())
     monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=10))
-    check_disk(tmp_path, steps=1, step_bytes=held + 10)
+    check_disk(tmp_path, steps=1, bytes_a_step=held + 10)
     with pytest.raises(ConfigError, match="has room for"):
-        check_disk(tmp_path, steps=1, step_bytes=held + 11)
+        check_disk(tmp_path, steps=1, bytes_a_step=held + 11)
