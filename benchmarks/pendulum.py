@@ -5,6 +5,7 @@ than the default, everything else is the system's own. ``--blind`` blackens the 
 what can be learned without seeing.
 
     python -m benchmarks.pendulum --system curl --steps 10000 --seed 0 --out curl-0.json
+    python -m benchmarks.pendulum --plot curves.png --runs curl-0.json rad-0.json
 """
 
 import argparse
@@ -18,6 +19,7 @@ import gymnasium
 import numpy as np
 import torch
 from gymnasium.wrappers import RescaleAction
+from matplotlib.figure import Figure
 
 from agent.config import AgentConfig, ReplayConfig
 from agent.replay import Replay, ReplayEpisode
@@ -33,12 +35,14 @@ NETWORKS = {"filters": 16, "hidden": 256, "batch_size": 64}
 EVAL_SEED = 10_000
 
 
-class PixelPendulum(gymnasium.ObservationWrapper):
+class PixelPendulum(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     """The pendulum as a picture; its goal is to stand."""
 
     def __init__(self, *, is_blind: bool = False) -> None:
-        super().__init__(RescaleAction(gymnasium.make("Pendulum-v1"), -1.0, 1.0))
         self.is_blind = is_blind
+        limits = np.float32(-1), np.float32(1)
+        self._env = RescaleAction(gymnasium.make("Pendulum-v1"), *limits)
+        self.action_space = self._env.action_space
         self.observation_space = gymnasium.spaces.Dict(
             rgb=gymnasium.spaces.Box(0, 255, (SIZE, SIZE, 3), np.uint8),
             task=gymnasium.spaces.Box(0, 1, (1,), np.float32),
@@ -46,7 +50,19 @@ class PixelPendulum(gymnasium.ObservationWrapper):
         axis = (np.arange(SIZE) + 0.5) / SIZE * 2 - 1
         self._x, self._y = np.meshgrid(axis, -axis)
 
-    def observation(self, observation: np.ndarray) -> dict[str, np.ndarray]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        super().reset(seed=seed)
+        observation, info = self._env.reset(seed=seed)
+        return self.draw(observation), info
+
+    def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
+        observation, reward, terminated, truncated, info = self._env.step(action)
+        return self.draw(observation), float(reward), terminated, truncated, info
+
+    def draw(self, observation: np.ndarray) -> dict[str, np.ndarray]:
+        """A bar from the middle; upright at angle 0, to the left at a quarter turn."""
         cosine, sine, _ = observation
         along = np.clip(self._y * cosine - self._x * sine, 0, 0.8)
         distance = np.hypot(self._x + along * sine, self._y - along * cosine)
@@ -63,7 +79,7 @@ def play(env: PixelPendulum, act: Any, seed: int) -> tuple[ReplayEpisode, float]
         actions.append(act(obs))
         obs, reward, _, is_over, _ = env.step(actions[-1])
         observations.append(obs)
-        rewards.append(float(reward))
+        rewards.append(reward)
     episode = ReplayEpisode(
         rgb=np.stack([o["rgb"] for o in observations]),
         task=np.stack([o["task"] for o in observations]),
@@ -137,6 +153,23 @@ def learn(env: PixelPendulum, config: AgentConfig, episodes: int, every: int) ->
     return rows
 
 
+def plot(runs: list[Path], path: Path) -> None:
+    """Mean return with the range over episodes, one curve for each run."""
+    figure = Figure(figsize=(6, 3.5), layout="constrained")
+    axes = figure.subplots()
+    held: dict[str, Any] = {}
+    for run in runs:
+        held = json.loads(run.read_text())
+        name = f"{held['system']}{' (blind)' if held['is_blind'] else ''}, seed {held['seed']}"
+        step, mean, least, most = ([r[k] for r in held["rows"]] for k in ("step", "return", "least", "most"))
+        (line,) = axes.plot(step, mean, marker="o", markersize=3, label=name)
+        axes.fill_between(step, least, most, alpha=0.12, color=line.get_color())
+    axes.axhline(held["random"], color="gray", linestyle=":", label="random actions")
+    axes.set(xlabel="environment steps", ylabel="return")
+    axes.legend()
+    figure.savefig(path, dpi=100)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--system", choices=["curl", "rad"], default="curl")
@@ -146,7 +179,12 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=1000, help="steps between two evaluations")
     parser.add_argument("--episodes", type=int, default=10, help="of one evaluation")
     parser.add_argument("--out", type=Path)
+    parser.add_argument("--plot", type=Path, help="draw the curves of --runs, learn nothing")
+    parser.add_argument("--runs", type=Path, nargs="+", default=[])
     asked = parser.parse_args()
+    if asked.plot is not None:
+        plot(asked.runs, asked.plot)
+        return
     torch.set_num_threads(1)
 
     overrides = {"steps": asked.steps, "seed": asked.seed, "sac": NETWORKS}
