@@ -1,95 +1,50 @@
-"""Replay buffer: whole episodes on disk, chunks of fixed length from them as batches.
+"""Replay buffer: whole episodes on disk, batches of sequences or of single transitions from them.
 
-Owns the files of past episodes and how chunks are drawn. Knows no environment and no model.
+Owns the files of past episodes and how steps are drawn. Knows no environment and no model.
 
-Every finished episode is one safetensors file, written atomically and read by slices, so memory
-holds only an index. Images are stored raw, H * W * 5 bytes per step (102 kB at 128x160, 31 GB for the
-paper's 3e5 steps): PNGs would take 28 kB, but a batch of 16x50 then costs 1.1 s of CPU instead of 0.2 s.
+Memory holds an index and the columns of a few numbers; everything else stays in one file for each episode
+(``replay_files``). At 128x160 a step takes 61,468 bytes of RGB and numbers, or 103,108 with depth and a
+dozen objects: the paper's 3e5 steps are 18.4 GB or 30.9 GB. Episodes that were evicted since the last
+checkpoint come on top.
 """
 
-import json
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+import shutil
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Float32, UInt8, UInt16
-from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save_file
-from torch import Tensor
+from jaxtyping import Int64
 
 from agent.config import ReplayConfig
-from langwm_data import atomic
+from agent.replay_episodes import ReplayBatch, ReplayEpisode, TransitionBatch
+from agent.replay_files import FEATURE, read_entry, step_bytes, write_episode
+from langwm_data.config_io import ConfigError
 from langwm_data.shards.sample import to_metres
-from pretrain.batch import FrameBatch, FrameObject
 
-SCHEMA_VERSION = 2
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReplayEpisode:
-    """One finished episode; step 0 is the reset. ``action[t]`` led to observation t and ``reward[t]``."""
-
-    rgb: UInt8[np.ndarray, "T H W 3"]
-    depth_mm: UInt16[np.ndarray, "T H W"]
-    """Millimetres, 0 = invalid."""
-    task: Float32[np.ndarray, "T F"]
-    action: Float32[np.ndarray, "T A"]
-    reward: Float32[np.ndarray, " T"]
-    objects: Sequence[Sequence[FrameObject]]
-    is_terminal: bool
-    """Whether the last step ended the episode for good; a timeout does not."""
+__all__ = ["Replay", "ReplayBatch", "ReplayEpisode", "TransitionBatch", "check_disk", "step_bytes"]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ReplayBatch:
-    """Chunks of episodes. A row may hold several episodes; ``is_first`` marks where each begins."""
+def check_disk(folder: Path, *, steps: int, bytes_a_step: int) -> None:
+    """Refuse a buffer that will not fit.
 
-    rgb: UInt8[Tensor, "B T H W 3"]
-    depth: Float[Tensor, "B T H W"]
-    """Metres, 0 = invalid."""
-    task: Float[Tensor, "B T F"]
-    action: Float[Tensor, "B T A"]
-    """``action[:, t]`` led to observation t; zero at a reset."""
-    reward: Float[Tensor, "B T"]
-    """Received on arriving at observation t."""
-    is_first: Bool[Tensor, "B T"]
-    """True at a reset and in every row's first step: nothing before it belongs to the row."""
-    is_last: Bool[Tensor, "B T"]
-    is_terminal: Bool[Tensor, "B T"]
-    """The last step of an episode that terminated; False where it was cut off by a timeout."""
-    objects: list[list[list[FrameObject]]]
-    """Per row and step, the labelled objects; empty lists where the environment gave none."""
+    Args:
+        folder: Where it will lie; what it holds already counts as room.
+        steps: Steps that it will hold at most.
+        bytes_a_step: As ``step_bytes`` says.
 
-    def to(self, device: torch.device | str) -> "ReplayBatch":
-        """The same batch with its tensors on ``device``."""
-        tensors = {k: v.to(device) for k, v in vars(self).items() if isinstance(v, Tensor)}
-        return replace(self, **tensors)
-
-    def frames(self) -> FrameBatch:
-        """All steps of all rows as single frames, for finetuning the autoencoder."""
-        reward = self.reward.flatten().numpy(force=True)
-        return FrameBatch(
-            rgb=self.rgb.flatten(0, 1).numpy(force=True),
-            depth=self.depth.flatten(0, 1).numpy(force=True),
-            objects=[objects for row in self.objects for objects in row],
-            reward=reward,
-            has_reward=np.ones(len(reward), dtype=np.bool_),
+    Raises:
+        ConfigError: If the disk has less room than that.
+    """
+    there = next(p for p in (folder, *folder.absolute().parents) if p.exists())
+    held = sum(path.stat().st_size for path in folder.glob("episode-*")) if folder.is_dir() else 0
+    room, needed = shutil.disk_usage(there).free + held, steps * bytes_a_step
+    if needed > room:
+        raise ConfigError(
+            f"replay.capacity_steps: {steps} steps of {bytes_a_step} bytes take {needed / 1e9:.1f} GB but"
+            f" {str(folder)!r} has room for {room / 1e9:.1f} GB; lower it or give another --out"
         )
-
-
-@dataclass(frozen=True)
-class _Entry:
-    """One stored episode in the index."""
-
-    path: Path
-    length: int
-    is_terminal: bool
-    names: tuple[tuple[str, str], ...]
-    """Category and noun of the objects seen in it."""
 
 
 class Replay:
@@ -113,9 +68,12 @@ class Replay:
         self._config = config
         self._folder = folder
         folder.mkdir(parents=True, exist_ok=True)
-        first, self._next = (state["first"], state["next"]) if state else (0, 0)
-        self._entries = {n: _read_entry(self._path(n)) for n in range(first, self._next)}
-        self._delete(lambda n: not first <= n < self._next)
+        self._first, self._next = (state["first"], state["next"]) if state else (0, 0)
+        self._entries = {n: read_entry(self._path(n)) for n in range(self._first, self._next)}
+        self._num_steps = sum(e.length for e in self._entries.values())
+        self._ends: Int64[np.ndarray, " N"] | None = None
+        """Running number of transitions after each episode; None until it is needed."""
+        self._delete(lambda n: not self._first <= n < self._next)
 
     @property
     def num_episodes(self) -> int:
@@ -125,22 +83,31 @@ class Replay:
     @property
     def num_steps(self) -> int:
         """Steps in these episodes, resets included."""
-        return sum(e.length for e in self._entries.values())
+        return self._num_steps
 
     def state_dict(self) -> dict[str, int]:
         """What a checkpoint needs to find this buffer again: the numbers of its episodes."""
-        return {"first": self._next - len(self._entries), "next": self._next}
+        return {"first": self._first, "next": self._next}
 
     def add(self, episode: ReplayEpisode) -> None:
         """Store a finished episode; the oldest ones leave while the buffer is over its capacity.
 
         The newest episode always stays. Short ones are welcome: successes are short.
+
+        Raises:
+            OSError: If it cannot be written, for instance because the disk is full; the buffer is as it was.
         """
-        path = self._path(self._next)
-        self._entries[self._next] = _write_episode(path, episode)
+        entry = write_episode(self._path(self._next), episode)
+        if self._entries:
+            held = self._entries[self._first].columns.keys()
+            assert entry.columns.keys() == held, f"all episodes have the same columns: {sorted(held)}"
+        self._entries[self._next] = entry
         self._next += 1
-        while len(self._entries) > 1 and self.num_steps > self._config.capacity_steps:
-            del self._entries[min(self._entries)]
+        self._num_steps += entry.length
+        while len(self._entries) > 1 and self._num_steps > self._config.capacity_steps:
+            self._num_steps -= self._entries.pop(self._first).length
+            self._first += 1
+        self._ends = None
 
     def delete_evicted(self) -> None:
         """Remove the files of evicted episodes; earlier checkpoints cannot be resumed afterwards."""
@@ -157,25 +124,83 @@ class Replay:
             ValueError: If no episode has been finished yet.
         """
         if not self._entries:
-            raise ValueError("the replay buffer is empty; collect at least one whole episode before training")
-        rows = [self._sample_row(rng, length) for _ in range(batch)]
-        arrays = {k: torch.from_numpy(np.stack([r[k] for r in rows])) for k in rows[0] if k != "objects"}
-        return ReplayBatch(**arrays, objects=[r["objects"] for r in rows])
+            raise _nothing_to_draw()
+        shapes = self._entries[self._first].step_shapes
+        arrays = {name: np.empty((batch, length, *shape), dtype) for name, (dtype, shape) in shapes.items()}
+        flags = {k: np.zeros((batch, length), np.bool_) for k in ("is_first", "is_last", "is_terminal")}
+        has_objects = "object_offset" in self._entries[self._first].columns
+        objects = [self._fill_row(rng, i, arrays, flags, has_objects=has_objects) for i in range(batch)]
+        return _as_batch(arrays, flags, objects if has_objects else None)
 
-    def _sample_row(self, rng: np.random.Generator, length: int) -> dict[str, Any]:
-        pieces: list[dict[str, Any]] = []
-        start, missing = None, length
-        while missing > 0:
-            entry = self._entries[min(self._entries) + int(rng.integers(len(self._entries)))]
+    def transitions(self, rng: np.random.Generator, batch: int, stack: int) -> TransitionBatch:
+        """Draw ``batch`` single steps, uniformly among all that the buffer holds.
+
+        Args:
+            rng: Source of the choice.
+            batch: How many.
+            stack: Frames of one observation.
+
+        Raises:
+            ValueError: If no step has been stored yet.
+        """
+        ends = self._transition_ends()
+        if not len(ends) or not ends[-1]:
+            raise _nothing_to_draw()
+        drawn = rng.integers(ends[-1], size=batch)
+        numbers = np.searchsorted(ends, drawn, side="right")
+        entries = [self._entries[self._first + int(n)] for n in numbers]
+        steps = [int(d - (ends[n] - (e.length - 1))) for d, n, e in zip(drawn, numbers, entries, strict=True)]
+        _, shape = entries[0].step_shapes["rgb"]
+        rgb = np.empty((batch, stack + 1, *shape), np.uint8)
+        for frames, entry, step in zip(rgb, entries, steps, strict=True):
+            missing = max(0, stack - 1 - step)
+            entry.read({"rgb": frames[missing:]}, step + 1 + missing - stack)
+            frames[:missing] = frames[missing]
+        pairs = list(zip(entries, steps, strict=True))
+        held = {
+            "rgb": rgb,
+            "task": np.stack([e.task[t : t + 2] for e, t in pairs]),
+            "action": np.stack([e.action[t + 1] for e, t in pairs]),
+            "reward": np.stack([e.reward[t + 1] for e, t in pairs]),
+            "is_terminal": np.array([e.is_terminal and t + 2 == e.length for e, t in pairs]),
+        }
+        return TransitionBatch(**{name: torch.from_numpy(array) for name, array in held.items()})
+
+    def _transition_ends(self) -> Int64[np.ndarray, " N"]:
+        if self._ends is None:
+            self._ends = np.cumsum([e.length - 1 for e in self._entries.values()], dtype=np.int64)
+        return self._ends
+
+    def _fill_row(
+        self,
+        rng: np.random.Generator,
+        row: int,
+        arrays: Mapping[str, np.ndarray],
+        flags: Mapping[str, np.ndarray],
+        *,
+        has_objects: bool,
+    ) -> list[list[Any]]:
+        """Draw one row into the arrays; its objects."""
+        length = arrays["reward"].shape[1]
+        objects: list[list[Any]] = []
+        start, done = None, 0
+        while done < length:
+            entry = self._entries[self._first + int(rng.integers(len(self._entries)))]
             if start is None:
                 start = self._sample_start(rng, entry.length, length)
-            stop = min(entry.length, start + missing)
-            pieces.append(_read_chunk(entry, start, stop))
-            missing -= stop - start
+            count = min(entry.length - start, length - done)
+            place = slice(done, done + count)
+            entry.read({name: array[row, place] for name, array in arrays.items()}, start)
+            if has_objects:
+                objects += entry.read_objects(start, start + count)
+            flags["is_first"][row, done] = start == 0
+            if start + count == entry.length:
+                flags["is_last"][row, done + count - 1] = True
+                flags["is_terminal"][row, done + count - 1] = entry.is_terminal
+            done += count
             start = 0
-        arrays = {k: np.concatenate([p[k] for p in pieces]) for k in pieces[0] if k != "objects"}
-        arrays["is_first"][0] = True
-        return arrays | {"objects": [frame for p in pieces for frame in p["objects"]]}
+        flags["is_first"][row, 0] = True
+        return objects
 
     def _sample_start(self, rng: np.random.Generator, total: int, length: int) -> int:
         latest = max(0, total - length)
@@ -194,73 +219,15 @@ class Replay:
             path.unlink()
 
 
-def _write_episode(path: Path, episode: ReplayEpisode) -> _Entry:
-    length = len(episode.reward)
-    lengths = {len(a) for a in (episode.rgb, episode.depth_mm, episode.task, episode.action, episode.objects)}
-    assert lengths == {length}, f"columns of unequal length: {lengths} and {length}"
-    flat = [o for frame in episode.objects for o in frame]
-    names = tuple(sorted({(o.category, o.phrase) for o in flat}))
-    tensors = {
-        "rgb": episode.rgb,
-        "depth_mm": episode.depth_mm,
-        "task": episode.task,
-        "action": episode.action,
-        "reward": episode.reward,
-        "object_offset": np.cumsum([0, *map(len, episode.objects)], dtype=np.int64),
-        "object_name": np.array([names.index((o.category, o.phrase)) for o in flat], np.int64),
-        "object_box": np.array([o.bbox_xyxy for o in flat], np.float64).reshape(-1, 4),
-        "object_center_x": np.array([o.center_x for o in flat], np.float64),
-        "object_distance_m": np.array([o.distance_m for o in flat], np.float64),
-    }
-    header = {"schema_version": SCHEMA_VERSION, "is_terminal": episode.is_terminal, "names": names}
-    with atomic.atomic_path(path) as temporary:
-        contiguous = {k: np.ascontiguousarray(v) for k, v in tensors.items()}
-        save_file(contiguous, temporary, metadata={"replay": json.dumps(header)})
-    return _Entry(path, length, episode.is_terminal, names)
+def _nothing_to_draw() -> ValueError:
+    return ValueError("the replay buffer is empty; collect at least one whole episode before training")
 
 
-def _read_entry(path: Path) -> _Entry:
-    try:
-        with safe_open(path, framework="np") as file:
-            header = json.loads(file.metadata()["replay"])
-            length = file.get_slice("reward").get_shape()[0]
-    except (OSError, SafetensorError, TypeError, KeyError, ValueError) as error:
-        raise ValueError(
-            f"{path} of the replay buffer is missing or damaged ({error}); start the run over with --fresh"
-        ) from error
-    if header["schema_version"] != SCHEMA_VERSION:
-        raise ValueError(f"{path} has schema version {header['schema_version']}; known: {SCHEMA_VERSION}")
-    return _Entry(
-        path, length, header["is_terminal"], tuple((category, noun) for category, noun in header["names"])
-    )
-
-
-def _read_chunk(entry: _Entry, start: int, stop: int) -> dict[str, Any]:
-    """Steps ``start`` to ``stop`` (exclusive) of one episode."""
-    steps = np.arange(start, stop)
-    with safe_open(entry.path, framework="np") as file:
-        chunk = {k: file.get_slice(k)[start:stop] for k in ("rgb", "task", "action", "reward")}
-        depth_mm = file.get_slice("depth_mm")[start:stop]
-        offset = file.get_slice("object_offset")[start : stop + 1]
-        columns = [
-            file.get_tensor(f"object_{k}")[offset[0] : offset[-1]].tolist()
-            for k in ("name", "box", "center_x", "distance_m")
-        ]
-    flat = [
-        FrameObject(
-            category=entry.names[n][0],
-            phrase=entry.names[n][1],
-            bbox_xyxy=tuple(box),
-            center_x=x,
-            distance_m=d,
-        )
-        for n, box, x, d in zip(*columns, strict=True)
-    ]
-    is_last = steps == entry.length - 1
-    return chunk | {
-        "depth": to_metres(depth_mm),
-        "is_first": steps == 0,
-        "is_last": is_last,
-        "is_terminal": is_last & entry.is_terminal,
-        "objects": [flat[a - offset[0] : b - offset[0]] for a, b in pairwise(offset)],
-    }
+def _as_batch(
+    arrays: Mapping[str, np.ndarray], flags: Mapping[str, np.ndarray], objects: list[list[Any]] | None
+) -> ReplayBatch:
+    tensors = {name: torch.from_numpy(array) for name, array in {**arrays, **flags}.items()}
+    features = {k.removeprefix(FEATURE): v for k, v in tensors.items() if k.startswith(FEATURE)}
+    depth = torch.from_numpy(to_metres(arrays["depth_mm"])) if "depth_mm" in arrays else None
+    main = {k: v for k, v in tensors.items() if not k.startswith(FEATURE) and k != "depth_mm"}
+    return ReplayBatch(**main, depth=depth, objects=objects, features=features)

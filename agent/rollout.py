@@ -122,11 +122,23 @@ class Collector:
         env: ``PointNavEnv`` or a wrapper around it; must be deterministic.
         seed: Seed of the first episode.
         state: What ``state_dict`` returned, to go on from there.
+        with_depth: Whether finished episodes hold depth.
+        with_objects: Whether they hold the labelled objects.
     """
 
-    def __init__(self, env: gymnasium.Env, *, seed: int, state: Mapping[str, Any] | None = None) -> None:
+    def __init__(
+        self,
+        env: gymnasium.Env,
+        *,
+        seed: int,
+        state: Mapping[str, Any] | None = None,
+        with_depth: bool = True,
+        with_objects: bool = True,
+    ) -> None:
         self._env = env
         self._seed = seed
+        self._with_depth = with_depth
+        self._with_objects = with_objects
         self.num_episodes: int = state["num_episodes"] if state else 0
         """Finished so far."""
         self._begin()
@@ -175,12 +187,13 @@ class Collector:
         return terminated, truncated, info
 
     def _as_replay(self, *, is_terminal: bool) -> ReplayEpisode:
+        depth = np.stack([o["depth"] for o in self._observations]) if self._with_depth else None
         return ReplayEpisode(
             rgb=np.stack([o["rgb"] for o in self._observations]),
-            depth_mm=to_millimetres(np.stack([o["depth"] for o in self._observations])),
+            depth_mm=None if depth is None else to_millimetres(depth),
             task=np.stack([o["task"] for o in self._observations]),
             action=np.stack(self._actions),
             reward=np.array(self._rewards, dtype=np.float32),
-            objects=self._objects,
+            objects=self._objects if self._with_objects else None,
             is_terminal=is_terminal,
         )

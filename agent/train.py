@@ -17,12 +17,12 @@ import numpy as np
 from agent.config import AgentConfig
 from agent.envs.pointnav import PointNavEnv
 from agent.models.world_model import Metrics
-from agent.replay import Replay
+from agent.replay import Replay, check_disk, step_bytes
 from agent.rollout import Collector, EpisodeRecord
 from agent.systems.agent import Agent
 from agent.systems.controls import make_random_policy
 from agent.systems.registry import find_system
-from agent.systems.system import Spaces, State
+from agent.systems.system import Spaces, State, System
 from langwm_data.config_io import claim_output
 from langwm_data.seeding import derive_seed
 from pretrain.checkpoint import latest_checkpoint, load_checkpoint, save_checkpoint
@@ -63,6 +63,8 @@ def train_agent(
         ConfigError: If the request cannot be carried out; nothing was changed then.
         KeyboardInterrupt: After SIGINT or SIGTERM, once everything is saved.
         FloatingPointError: If training diverges.
+        OSError: If something cannot be written, for instance because the disk is full; the same call goes on
+            from the last checkpoint.
     """
     usable_device(config.device)
     system = find_system(config.system)
@@ -70,6 +72,7 @@ def train_agent(
     try:
         spaces = Spaces.of(env)
         model = system.create(config, spaces)
+        _check_disk(config, system, spaces, out)
         claim_output(out, config, fresh=fresh, may_differ=("steps", "eval_episodes"))
         if is_finished(config, out):
             log.info("%s has finished its %d steps; --fresh starts over", out, config.steps)
@@ -96,6 +99,21 @@ def is_finished(config: AgentConfig, out: Path) -> bool:
     return folder is not None and int(folder.name.removeprefix("step-")) >= config.steps
 
 
+def _check_disk(config: AgentConfig, system: System, spaces: Spaces, out: Path) -> None:
+    size = step_bytes(
+        spaces.height,
+        spaces.width,
+        spaces.task_dim + spaces.action_dim,
+        with_depth=system.needs_depth(config),
+        with_objects=system.needs_labels(config),
+    )
+    # Episodes that left since the last checkpoint still have their files.
+    steps = min(config.steps, config.replay.capacity_steps + config.checkpoint_every)
+    folder = out / REPLAY_FOLDER
+    check_disk(folder, steps=steps, bytes_a_step=size)
+    log.info("replay: up to %d steps of %d bytes, %.1f GB in %s", steps, size, steps * size / 1e9, folder)
+
+
 class _Run:
     """Everything that learns, collects and remembers in one run."""
 
@@ -106,12 +124,19 @@ class _Run:
         self._num_updates = 0
         self._means = _Means()
         self._agent = agent
-        self._learner = find_system(config.system).make_learner(agent.model, config)
+        system = find_system(config.system)
+        self._learner = system.make_learner(agent.model, config)
         self._random = make_random_policy(derive_seed(config.seed, "prefill"))
         state = self._load()
         self._replay = Replay(config.replay, out / REPLAY_FOLDER, state.get("replay"))
         first_seed = derive_seed(config.seed, "episodes") % 2**31
-        self._collector = Collector(env, seed=first_seed, state=state.get("collector"))
+        self._collector = Collector(
+            env,
+            seed=first_seed,
+            state=state.get("collector"),
+            with_depth=system.needs_depth(config),
+            with_objects=system.needs_labels(config),
+        )
         self._collector.policy_state = state.get("policy_state")
 
     @property

@@ -8,7 +8,7 @@ import pickle
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import torch
 
@@ -29,13 +29,16 @@ def save_checkpoint(run: Path, step: int, state: Mapping[str, Any], *, keep: int
         step: Steps done so far; names the folder.
         state: Everything needed to go on exactly.
         keep: Complete checkpoints that stay.
+
+    Raises:
+        OSError: If it cannot be written, for instance because the disk is full; older ones stay.
     """
     folder = run / CHECKPOINTS / f"step-{step:09d}"
     if folder.exists():
         (folder / _DONE).unlink(missing_ok=True)
         shutil.rmtree(folder)
     with atomic.atomic_path(folder / _STATE) as temporary:
-        torch.save({"schema_version": SCHEMA_VERSION, "step": step, "state": dict(state)}, temporary)
+        _save({"schema_version": SCHEMA_VERSION, "step": step, "state": dict(state)}, temporary)
     atomic.write_text(folder / _DONE, sha256_of(folder / _STATE))
     for old in _complete(run)[:-keep]:
         (old / _DONE).unlink()
@@ -71,6 +74,35 @@ def load_checkpoint(folder: Path, device: str | torch.device = "cpu") -> tuple[i
             f"checkpoint {path} has schema version {version}; this program reads {SCHEMA_VERSION}"
         )
     return held["step"], held["state"]
+
+
+def _save(value: Mapping[str, Any], path: Path) -> None:
+    with path.open("wb") as file:
+        watched = _Watched(file)
+        try:
+            torch.save(value, watched)  # pyright: ignore[reportArgumentType]
+        except RuntimeError as error:
+            if watched.error is None:
+                raise
+            raise OSError(watched.error.errno, watched.error.strerror, str(path)) from error
+
+
+class _Watched:
+    """A file that remembers why it could not be written: PyTorch puts an error of its own in its place."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self.error: OSError | None = None
+
+    def write(self, data: bytes | memoryview) -> int:
+        try:
+            return self._file.write(data)
+        except OSError as error:
+            self.error = error
+            raise
+
+    def flush(self) -> None:
+        self._file.flush()
 
 
 def _complete(run: Path) -> list[Path]:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from pydantic import TypeAdapter, ValidationError
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file, save
 from torch import Tensor
 
 from langwm_data import atomic
@@ -40,11 +40,15 @@ class ModelFile(NamedTuple):
 
 
 def save_model_file(folder: Path, held: ModelFile) -> None:
-    """Write both files, the weights first: a config stands for weights that are there."""
+    """Write both files, the weights first: a config stands for weights that are there.
+
+    Raises:
+        OSError: If the weights cannot be written, for instance on a full disk; what was there stays.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / _CONFIG).unlink(missing_ok=True)
     with atomic.atomic_path(folder / _WEIGHTS) as temporary:
-        save_file({name: t.detach().cpu().contiguous() for name, t in held.tensors.items()}, temporary)
+        temporary.write_bytes(save({name: t.detach().cpu().contiguous() for name, t in held.tensors.items()}))
+        (folder / _CONFIG).unlink(missing_ok=True)
     described = {
         "schema_version": SCHEMA_VERSION,
         "mae": config_to_dict(held.mae),

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file, save
 
 from agent.config import AgentConfig, EnvConfig
 from agent.systems.registry import find_system
@@ -73,12 +73,16 @@ class Agent:
         return self.model.act(obs, self.initial_state() if state is None else state, explore=explore)
 
     def save_pretrained(self, folder: Path) -> None:
-        """Write ``config.json`` and ``model.safetensors``, the weights first."""
+        """Write ``config.json`` and ``model.safetensors``, the weights first.
+
+        Raises:
+            OSError: If the weights cannot be written, for instance on a full disk; what was there stays.
+        """
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / CONFIG_FILE).unlink(missing_ok=True)
         tensors = {name: t.detach().cpu().contiguous() for name, t in self.model.state_dict().items()}
         with atomic.atomic_path(folder / WEIGHTS_FILE) as temporary:
-            save_file(tensors, temporary)
+            temporary.write_bytes(save(tensors))
+            (folder / CONFIG_FILE).unlink(missing_ok=True)
         held = {
             "system": self.system,
             "spaces": asdict(self.spaces),

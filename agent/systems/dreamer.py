@@ -17,8 +17,7 @@ from agent.models.actor_critic import ActorCritic
 from agent.models.observation import ObservationModel
 from agent.models.rssm import Latent
 from agent.models.world_model import WorldModel
-from agent.systems.system import Model, Spaces, State
-from langwm_data.config_io import ConfigError
+from agent.systems.system import Model, Spaces, State, task_scale
 from pretrain.update import torch_seed
 
 
@@ -42,12 +41,7 @@ def make_dreamer(
     Raises:
         ConfigError: If the task observation has another size than the config says.
     """
-    scale = config.world_model.task.scale
-    if len(scale) != spaces.task_dim:
-        raise ConfigError(
-            f"world_model.task.scale has {len(scale)} entries but the environment's task observation has"
-            f" {spaces.task_dim}; give one number for each entry"
-        )
+    task_scale(config, spaces)
     world_model = WorldModel(config.world_model, observation, action_dim=spaces.action_dim)
     behavior = ActorCritic(config.behavior, config.world_model.rssm.feat_dim, spaces.action_dim)
     return Dreamer(perception, world_model, behavior)

@@ -160,4 +160,5 @@ SYSTEM = System(
     resolve=resolve,
     make_learner=_make_learner,
     needs_labels=lambda config: config.features == "finetuned",
+    needs_depth=lambda config: config.features == "finetuned",
 )

@@ -4,13 +4,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from agent.config import AgentConfig
-from agent.systems import langwm
+from agent.systems import langwm, sac
 from agent.systems.system import System
 from langwm_data.config_io import ConfigError, build_config, load_preset, merge
 
 OVERLAYS = "presets/systems"
 
-SYSTEMS: Mapping[str, System] = {"langwm": langwm.SYSTEM}
+SYSTEMS: Mapping[str, System] = {"langwm": langwm.SYSTEM, "curl": sac.SYSTEM, "rad": sac.SYSTEM}
 
 
 def find_system(name: str) -> System:

@@ -48,6 +48,21 @@ class Spaces:
         return cls(height, width, shapes["task"][0], action.shape[0])  # pyright: ignore[reportOptionalSubscript]
 
 
+def task_scale(config: AgentConfig, spaces: Spaces) -> tuple[float, ...]:
+    """What the entries of the task observation are divided by.
+
+    Raises:
+        ConfigError: If the task observation has another size than the config says.
+    """
+    scale = config.world_model.task.scale
+    if len(scale) != spaces.task_dim:
+        raise ConfigError(
+            f"world_model.task.scale has {len(scale)} entries but the environment's task observation has"
+            f" {spaces.task_dim}; give one number for each entry"
+        )
+    return scale
+
+
 class Model(nn.Module, ABC):
     """The weights that acting needs: what is saved, handed on and scored."""
 
@@ -111,6 +126,8 @@ class System:
     """``config`` as ``restore`` needs it, with what a file that it names has said."""
     make_learner: Callable[[Model, AgentConfig], Learner]
     needs_labels: Callable[[AgentConfig], bool] = lambda config: False
-    """Whether the environment must label objects while it learns."""
+    """Whether the environment must label objects while it learns, and the replay keeps them."""
+    needs_depth: Callable[[AgentConfig], bool] = lambda config: False
+    """Whether the replay keeps depth."""
     note: str = ""
     """What a table has to say about this row: where it differs from the others in what it gets."""

@@ -3,56 +3,12 @@ import itertools
 import numpy as np
 import pytest
 import torch
+from made_up_episodes import SIZE, add_bare, assert_same_batch, bare, make_episode, make_replay, rng
 
 from agent.config import ReplayConfig
 from agent.replay import Replay, ReplayEpisode
+from agent.replay_files import OBJECT_BYTES, step_bytes
 from pretrain.batch import FrameObject
-
-SIZE = (4, 6)
-
-
-def make_episode(number, length, *, is_terminal=True):
-    """Every value says which episode and which step it is from."""
-    steps = np.arange(length)
-    code = 100 * number + steps
-    objects = [
-        [
-            FrameObject(
-                category=("chair", "table")[i % 2],
-                bbox_xyxy=(float(i), 1.0, i + 2.0, 3.5),
-                center_x=i + 0.3,
-                distance_m=t + 0.1,
-            )
-            for i in range(t % 3)
-        ]
-        for t in steps.tolist()
-    ]
-    return ReplayEpisode(
-        rgb=np.broadcast_to(steps.astype(np.uint8)[:, None, None, None], (length, *SIZE, 3)).copy(),
-        depth_mm=np.broadcast_to(code.astype(np.uint16)[:, None, None], (length, *SIZE)).copy(),
-        task=np.tile(code[:, None], (1, 4)).astype(np.float32),
-        action=np.tile(code[:, None] / 7, (1, 2)).astype(np.float32),
-        reward=code.astype(np.float32),
-        objects=objects,
-        is_terminal=is_terminal,
-    )
-
-
-def make_replay(folder, lengths, **config):
-    replay = Replay(ReplayConfig(**config), folder)
-    for number, length in enumerate(lengths):
-        replay.add(make_episode(number, length))
-    return replay
-
-
-def rng(seed=0):
-    return np.random.default_rng(seed)
-
-
-def assert_same_batch(a, b):
-    for name in ("rgb", "depth", "task", "action", "reward", "is_first", "is_last", "is_terminal"):
-        assert torch.equal(getattr(a, name), getattr(b, name)), name
-    assert a.objects == b.objects
 
 
 def test_what_goes_in_comes_out(tmp_path):
@@ -227,3 +183,155 @@ def test_a_lost_or_damaged_episode_is_named(tmp_path, damage):
     damage(tmp_path / "episode-00000001.safetensors")
     with pytest.raises(ValueError, match=r"episode-00000001.safetensors .* missing or damaged .* --fresh"):
         Replay(ReplayConfig(), tmp_path, replay.state_dict())
+
+
+def coverage(replay, length, draws=4000):
+    """How often each step of a buffer's only episode is part of a chunk."""
+    code = replay.sample(rng(5), draws, length).reward.numpy().astype(int)
+    return np.bincount(code.ravel(), minlength=code.max() + 1) / draws
+
+
+def test_what_is_not_stored_is_not_there(tmp_path):
+    replay = add_bare(Replay(ReplayConfig(), tmp_path), [9, 3])
+    batch = replay.sample(rng(), 4, 5)
+    assert batch.depth is None
+    assert batch.objects is None
+    assert batch.to("cpu").depth is None
+    assert batch.rgb.shape == (4, 5, *SIZE, 3)
+
+
+def test_what_is_not_stored_costs_no_disk(tmp_path):
+    episode = make_episode(0, 100)
+    for name, stored in (("all", episode), ("bare", bare(episode))):
+        Replay(ReplayConfig(), tmp_path / name).add(stored)
+    sizes = {p.name: next(p.iterdir()).stat().st_size for p in tmp_path.iterdir()}
+    num_objects = sum(map(len, episode.objects))
+    saved = 100 * SIZE[0] * SIZE[1] * 2 + OBJECT_BYTES * num_objects + 8 * 101
+    assert sizes["all"] - sizes["bare"] == pytest.approx(saved, abs=1000)
+    stated = 100 * step_bytes(*SIZE, numbers=6, with_depth=False, with_objects=False)
+    assert sizes["bare"] == pytest.approx(stated, abs=1000)
+
+
+def test_the_stated_sizes_of_the_paper():
+    assert step_bytes(128, 160, 6, with_depth=False, with_objects=False) == 61_468
+    assert step_bytes(128, 160, 6, with_depth=True, with_objects=True) == 103_108
+    assert step_bytes(128, 160, 6, with_depth=False, with_objects=False, features=512) == 62_492
+
+
+def test_features_come_back_with_their_steps(tmp_path):
+    replay = Replay(ReplayConfig(), tmp_path)
+    for number, length in enumerate([12, 3]):
+        code = 100 * number + np.arange(length)
+        features = {
+            "tokens": np.tile(code[:, None, None], (1, 2, 5)).astype(np.float16),
+            "score": (code / 8).astype(np.float16),
+        }
+        replay.add(bare(make_episode(number, length), features=features))
+    batch = Replay(ReplayConfig(), tmp_path, replay.state_dict()).sample(rng(), 10, 7)
+    assert batch.features["tokens"].shape == (10, 7, 2, 5)
+    assert batch.features["tokens"].dtype == torch.float16
+    assert torch.equal(batch.features["tokens"][..., 1, 3].float(), batch.reward)
+    assert torch.equal(batch.to("cpu").features["score"].float() * 8, batch.reward)
+
+
+def test_an_episode_with_other_columns_is_our_mistake(tmp_path):
+    replay = make_replay(tmp_path, [5])
+    with pytest.raises(AssertionError, match="all episodes have the same columns"):
+        replay.add(bare(make_episode(1, 5)))
+
+
+def test_every_step_is_covered_as_the_starts_say(tmp_path):
+    total, length = 20, 6
+    replay = add_bare(Replay(ReplayConfig(prioritize_ends=False), tmp_path), [total])
+    starts = np.arange(total - length + 1)
+    expected = [np.mean((starts <= t) & (t < starts + length)) for t in range(total)]
+    np.testing.assert_allclose(coverage(replay, length), expected, atol=0.035)
+
+
+def test_endings_are_drawn_at_least_as_often_as_what_lies_in_the_middle(tmp_path):
+    total, length = 20, 6
+    replay = add_bare(Replay(ReplayConfig(prioritize_ends=True), tmp_path), [total])
+    starts = np.minimum(np.arange(total + 1), total - length)
+    expected = np.array([np.mean((starts <= t) & (t < starts + length)) for t in range(total)])
+    found = coverage(replay, length)
+    np.testing.assert_allclose(found, expected, atol=0.035)
+    middle = found[length : total - length]
+    assert found[-1] > 0.9 * middle.max()
+    assert found[-1] < 1.4 * middle.max()
+
+
+def test_successes_do_not_drown_among_timeouts(tmp_path):
+    replay = Replay(ReplayConfig(), tmp_path)
+    for number in range(20):
+        is_success = number % 5 == 0
+        replay.add(make_episode(number, 8 if is_success else 60, is_terminal=is_success))
+    batch = replay.sample(rng(), 2000, 10)
+    ends_with_success = batch.is_terminal.any(1).float().mean().item()
+    assert ends_with_success == pytest.approx(0.2, abs=0.03)
+    assert not (batch.is_terminal & ~batch.is_last).any()
+
+
+def test_a_transition_is_one_step_with_the_frames_before_it(tmp_path):
+    replay = add_bare(Replay(ReplayConfig(), tmp_path), [12, 2, 30])
+    batch = replay.transitions(rng(), 300, 3)
+    assert batch.rgb.shape == (300, 4, *SIZE, 3)
+    assert batch.rgb.dtype == torch.uint8
+    arrived = batch.reward.long()
+    assert torch.equal(batch.task[:, 1, 0].long(), arrived)
+    assert torch.equal(batch.task[:, 0, 0].long(), arrived - 1)
+    assert torch.allclose(batch.action[:, 0] * 7, batch.reward)
+    back = torch.tensor([3, 2, 1, 0])
+    expected = (arrived[:, None] % 100 - back).clamp(min=0)
+    assert torch.equal(batch.rgb[..., 0, 0, 0].long(), expected)
+    assert torch.equal(batch.rgb[..., -1, -1, -1].long(), expected)
+
+
+def test_a_transition_stacks_no_frames_of_another_episode(tmp_path):
+    replay = Replay(ReplayConfig(), tmp_path)
+    for number in range(3):
+        frames = np.full((4, *SIZE, 3), number, np.uint8)
+        replay.add(bare(make_episode(number, 4), rgb=frames))
+    batch = replay.transitions(rng(), 100, 5)
+    assert torch.equal(batch.rgb[..., 0, 0, 0].long(), (batch.reward.long() // 100)[:, None].expand(-1, 6))
+
+
+def test_transitions_are_drawn_uniformly(tmp_path):
+    replay = add_bare(Replay(ReplayConfig(), tmp_path), [2, 11, 1, 5])
+    code = replay.transitions(rng(), 15_000, 1).reward.numpy().astype(int)
+    found, counts = np.unique(code, return_counts=True)
+    assert found.tolist() == [1, *range(101, 111), *range(301, 305)]
+    assert counts.min() > 850
+    assert counts.max() < 1150
+
+
+def test_a_transition_is_terminal_where_the_goal_was_reached_and_not_where_time_ran_out(tmp_path):
+    replay = Replay(ReplayConfig(), tmp_path)
+    replay.add(bare(make_episode(0, 6), is_terminal=True))
+    replay.add(bare(make_episode(1, 6), is_terminal=False))
+    batch = replay.transitions(rng(), 200, 2)
+    assert torch.equal(batch.is_terminal, batch.reward == 5)
+    assert (batch.reward == 105).any()
+
+
+def test_transitions_follow_what_enters_and_leaves(tmp_path):
+    replay = add_bare(Replay(ReplayConfig(capacity_steps=12), tmp_path), [6, 6])
+    replay.transitions(rng(), 1, 1)
+    replay.add(bare(make_episode(2, 6)))
+    codes = replay.transitions(rng(), 500, 1).reward.unique().tolist()
+    assert codes == [*range(101, 106), *range(201, 206)]
+
+
+def test_same_seed_same_transitions_also_after_a_restart(tmp_path):
+    replay = add_bare(Replay(ReplayConfig(), tmp_path), [9, 3, 20])
+    resumed = Replay(ReplayConfig(), tmp_path, replay.state_dict())
+    first, again = (r.transitions(rng(1), 20, 3) for r in (replay, resumed))
+    for name, tensor in vars(first).items():
+        assert torch.equal(tensor, getattr(again, name)), name
+
+
+def test_no_transition_in_an_empty_buffer_or_one_of_resets(tmp_path):
+    replay = Replay(ReplayConfig(), tmp_path)
+    for _ in range(2):
+        with pytest.raises(ValueError, match="replay buffer is empty"):
+            replay.transitions(rng(), 1, 3)
+        add_bare(replay, [1])

@@ -1,10 +1,12 @@
 import dataclasses
+import errno
 import os
 import signal
 
 import numpy as np
 import pytest
 
+from agent.replay_files import write_episode
 from agent.systems.agent import Agent
 from agent.train import train_agent
 from langwm_data.config import CameraConfig
@@ -131,3 +133,35 @@ def test_a_task_observation_of_another_size_is_refused(tiny_config, make_room, t
 def test_an_unknown_device_is_refused(tiny_config, tmp_path):
     with pytest.raises(ConfigError, match="device 'abacus' cannot be used"):
         train_agent(dataclasses.replace(tiny_config, device="abacus"), tmp_path / "run")
+
+
+def test_a_full_disk_stops_a_run_with_its_last_checkpoint_intact(
+    whole_run, tiny_config, make_room, tmp_path, monkeypatch
+):
+    out = tmp_path / "full"
+
+    def write(path, episode):
+        if path.name == "episode-00000004.safetensors":
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+        return write_episode(path, episode)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("agent.replay.write_episode", write)
+        with pytest.raises(OSError, match="No space left on device"):
+            train_agent(tiny_config, out, env=make_room(max_steps=9))
+    assert latest_checkpoint(out).name == "step-000000040"
+    obs, _ = make_room().reset(seed=0)
+    assert Agent.from_pretrained(out).act(obs)[0].shape == (2,)
+    train_agent(tiny_config, out, env=make_room(max_steps=9))
+    assert losses(out) == losses(whole_run)
+
+
+def test_a_disk_too_small_is_refused_before_anything_is_written(tiny_config, make_room, tmp_path):
+    config = dataclasses.replace(
+        tiny_config, steps=10**15, replay=dataclasses.replace(tiny_config.replay, capacity_steps=10**15)
+    )
+    with pytest.raises(
+        ConfigError, match=r"replay.capacity_steps: 1000000000000000 steps of 1988 bytes take"
+    ):
+        train_agent(config, tmp_path / "run", env=make_room())
+    assert not (tmp_path / "run").exists()

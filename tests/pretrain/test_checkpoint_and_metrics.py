@@ -4,6 +4,7 @@ import json
 
 import pytest
 import torch
+from full_disk import largest_file
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from pretrain.checkpoint import latest_checkpoint, load_checkpoint, save_checkpoint
@@ -50,6 +51,14 @@ def test_a_full_disk_leaves_the_old_checkpoint(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="No space left"):
         save_checkpoint(tmp_path, 2, state(2))
     assert latest_checkpoint(tmp_path).name == "step-000000001"
+
+
+def test_what_the_system_refuses_to_write_leaves_the_old_checkpoint(tmp_path):
+    save_checkpoint(tmp_path, 1, {"w": torch.zeros(10)})
+    with largest_file(100_000), pytest.raises(OSError, match=r"File too large.*state.pt"):
+        save_checkpoint(tmp_path, 2, {"w": torch.zeros(1_000_000)})
+    assert latest_checkpoint(tmp_path).name == "step-000000001"
+    assert load_checkpoint(latest_checkpoint(tmp_path))[0] == 1
 
 
 def test_damaged_file_is_refused(tmp_path):

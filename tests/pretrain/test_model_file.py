@@ -4,6 +4,7 @@ import json
 
 import pytest
 import torch
+from full_disk import largest_file
 from safetensors.torch import load_file, save_file
 
 from pretrain import LanguageGroundedMAE
@@ -30,6 +31,14 @@ def test_saving_the_same_weights_twice_gives_the_same_bytes(folder, tmp_path):
     LanguageGroundedMAE.from_pretrained(folder).save_pretrained(tmp_path / "again")
     for name in ("config.json", "model.safetensors"):
         assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes()
+
+
+def test_what_the_system_refuses_to_write_leaves_the_old_model(folder, mae_config):
+    before = LanguageGroundedMAE.from_pretrained(folder)
+    with largest_file(10_000), pytest.raises(OSError, match="File too large"):
+        before.save_pretrained(folder)
+    after = LanguageGroundedMAE.from_pretrained(folder).state_dict()
+    assert all(torch.equal(w, after[name]) for name, w in before.state_dict().items())
 
 
 def test_missing_model_is_refused(tmp_path):

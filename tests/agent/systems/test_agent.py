@@ -4,6 +4,7 @@ import json
 import numpy as np
 import pytest
 import torch
+from full_disk import largest_file
 
 from agent.models.rssm import Latent
 from agent.systems.agent import Agent
@@ -116,3 +117,12 @@ def test_frames_of_another_size_are_refused(agent, make_room):
     obs, _ = make_room().reset(seed=0)
     with pytest.raises(ValueError, match=r"has shape \(8, 8, 3\); this agent was trained on \(16, 16, 3\)"):
         agent.act(obs | {"rgb": np.zeros((8, 8, 3), np.uint8)})
+
+
+def test_what_the_system_refuses_to_write_leaves_the_old_agent(agent, tmp_path):
+    folder = tmp_path / "agent"
+    agent.save_pretrained(folder)
+    with largest_file(10_000), pytest.raises(OSError, match="File too large"):
+        agent.save_pretrained(folder)
+    assert Agent.from_pretrained(folder).system == "langwm"
+    assert len(list(folder.iterdir())) == 2
