@@ -77,7 +77,7 @@ def run_cell(grid: GridConfig, cell: Cell, out: Path, report: Report) -> None:
         KeyboardInterrupt: After SIGINT or SIGTERM, once everything is saved.
         BrokenPipeError: If nobody listens to ``report`` any more.
     """
-    watch, count = Stopwatch(out, cell), _Count(report)
+    watch, count = Stopwatch(out, cell), _Count(report, units_of(grid, cell))
     try:
         watch.update(state="unfinished", cause="", details="")
         _run(grid, cell, out, watch, count)
@@ -112,13 +112,15 @@ def one_sentence(error: BaseException) -> str:
 
 
 class _Count:
-    """Turns how far a cell is into how much was done since."""
+    """Turns how far a cell is into how much was done since, up to all that there is."""
 
-    def __init__(self, report: Report) -> None:
+    def __init__(self, report: Report, total: int) -> None:
         self._report = report
+        self._total = total
         self._done = 0
 
     def __call__(self, done: int) -> None:
+        done = min(done, self._total)
         if done > self._done:
             self._report(done - self._done)
             self._done = done

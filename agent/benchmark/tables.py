@@ -65,7 +65,7 @@ def tier_table(results: Results, scores: Scores, split: str) -> Table:
         columns=("system", *["SR %", "SPL", "SoftSPL"] * len(tiers), "left, m", "contact, % of steps"),
         spans=(("", 1), *((name, 3) for name in names), ("all distances", 2)),
         lines=_grouped(list(scores), rows),
-        notes=(("", f"{' or '.join(map(str, episodes))} episodes of a distance with every seed."),),
+        notes=(("", f"Episodes of each distance with every seed: {' or '.join(map(str, episodes))}."),),
     )
 
 
@@ -91,7 +91,8 @@ def difference_table(found: Mapping[str, Mapping[str, Interval]], against: str, 
             (
                 "",
                 f"Positive: better than {title}. Both played the same episodes; seeds are drawn apart,"
-                " episodes together. Intervals at 95 % each, not corrected for their number.",
+                " episodes together. Intervals at 95 % each, not corrected for their number; one of no"
+                " width comes from systems that no episode told apart.",
             ),
         ),
     )
