@@ -17,8 +17,8 @@ from agent.config import AgentConfig
 from agent.envs.episodes import fixed_episodes
 from agent.envs.pointnav import PointNavEnv
 from agent.evaluate import play, summarise
+from agent.systems.agent import Agent
 from agent.systems.controls import CONTROLS
-from agent.systems.langwm import Agent
 from agent.train import train_agent
 from langwm_data.config_io import load_config
 from langwm_data.sim.world import bake_home
