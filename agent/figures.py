@@ -72,7 +72,7 @@ def band_figure(panels: Mapping[str, Sequence[Band]], x_label: str) -> str:
         for index, band in reversed(list(enumerate(bands))):
             color, dash = SERIES[index % len(SERIES)], DASHES[index // len(SERIES) % len(DASHES)]
             width = 2.0 if index == 0 else 1.2
-            ax.fill_between(band.steps, band.low, band.high, color=color, alpha=0.15, linewidth=0)
+            ax.fill_between(band.steps, band.low, band.high, color=color, alpha=0.1, linewidth=0)
             ax.plot(band.steps, band.middle, dash, color=color, linewidth=width, marker=".", label=band.name)
         tidy_axes(ax, title)
         ax.set_xlabel(x_label, fontsize=8, color=SOFT)

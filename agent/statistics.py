@@ -59,7 +59,7 @@ def hierarchical_bootstrap_interval(
 
 def shared_episodes_interval(
     first: Float64[np.ndarray, "S E"],
-    second: Float64[np.ndarray, "S2 E"],
+    second: Float64[np.ndarray, "S2 E2"],
     rng: np.random.Generator,
     *,
     confidence: float = 0.95,

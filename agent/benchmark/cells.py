@@ -22,13 +22,13 @@ from agent.config import AgentConfig, EnvConfig
 from agent.envs.episodes import fixed_episodes
 from agent.envs.pointnav import PointNavEnv
 from agent.evaluate import EVAL_FOLDER, evaluate_run, play, read_rows, write_rows
+from agent.systems.agent import WEIGHTS_FILE
 from agent.systems.controls import CONTROLS
-from agent.systems.langwm import WEIGHTS_FILE
 from agent.train import train_agent
 from langwm_data.baking import open_scenes
 from langwm_data.scenes.spec import Split
 from langwm_data.workers import Report
-from pretrain.metrics import read_metrics
+from pretrain.checkpoint import latest_checkpoint, load_checkpoint
 from pretrain.model_file import MODEL_FOLDER
 
 SPLITS: tuple[Split, ...] = ("test", "train")
@@ -138,7 +138,7 @@ def _run(grid: GridConfig, cell: Cell, out: Path, watch: Stopwatch, count: _Coun
     if not cell.is_control:
         with watch.measure("train"):
             train_agent(config, folder, progress=tick)
-        watch.update(updates=_num_updates(config, folder), parameters=_num_parameters(folder))
+        watch.update(updates=_num_updates(folder), parameters=_num_parameters(folder))
         start = config.steps
     for split in SPLITS:
         with watch.measure("score"):
@@ -194,9 +194,11 @@ def _num_floors(config: AgentConfig) -> dict[Split, int]:
     return {split: len(library.names(split)) for split in SPLITS}
 
 
-def _num_updates(config: AgentConfig, run: Path) -> int:
-    """Updates of a run to the last line of its metrics; up to one line's worth are not counted."""
-    return config.log_every * sum("time/update_s" in row for row in read_metrics(run))
+def _num_updates(run: Path) -> int:
+    """Ordinary updates that a run has taken, as its checkpoint says."""
+    folder = latest_checkpoint(run)
+    assert folder is not None, run
+    return load_checkpoint(folder, torch.device("cpu"))[1]["num_updates"]
 
 
 def _num_parameters(run: Path) -> int:

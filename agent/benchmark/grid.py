@@ -12,7 +12,8 @@ from typing import Any
 from agent.benchmark.rows import TABLE, row_of
 from agent.config import AgentConfig
 from agent.systems.controls import CONTROLS
-from langwm_data.config_io import ConfigError, build_config, config, load_preset, merge, parse_assignment
+from agent.systems.registry import SYSTEMS, load_agent_config
+from langwm_data.config_io import ConfigError, config, load_config, merge, parse_assignment
 
 MAE_OF = "langwm"
 """The system that an autoencoder without a name is for; others want ones trained their own way."""
@@ -27,8 +28,10 @@ class GridConfig:
 
     systems: tuple[str, ...]
     seeds: tuple[int, ...]
-    settings: dict[str, Any] = field(default_factory=dict)
-    """Of every agent: presets, flags and assignments put together, in the names of ``AgentConfig``."""
+    presets: tuple[str, ...] = ()
+    """Of every agent, later ones win; what makes a system what it is comes after them."""
+    overrides: dict[str, Any] = field(default_factory=dict)
+    """Flags and assignments put together, in the names of ``AgentConfig``; they win over everything."""
     mae: dict[str, str] = field(default_factory=dict)
     """Runs of pretrain-mae by the system that reads them."""
     against: str = MAE_OF
@@ -89,19 +92,17 @@ def make_grid(
     Raises:
         ConfigError: If a system, seed, preset or setting is not allowed.
     """
-    settings: dict[str, Any] = {}
-    for name in presets:
-        settings = merge(settings, load_preset("agent", name))
-    settings = merge(settings, flags or {})
+    overrides = dict(flags or {})
     for text in assignments:
-        settings = merge(settings, parse_assignment(text))
+        overrides = merge(overrides, parse_assignment(text))
     for name, flag in OF_CELLS.items():
-        if name in settings:
-            raise ConfigError(f"--set {name}={settings[name]} is not for a grid; give {flag}")
+        if name in overrides:
+            raise ConfigError(f"--set {name}={overrides[name]} is not for a grid; give {flag}")
     grid = GridConfig(
         systems=parse_systems(request.systems),
         seeds=parse_seeds(request.seeds),
-        settings=settings,
+        presets=tuple(presets),
+        overrides=overrides,
         mae=parse_maes(request.mae),
         against=check_against(request.against),
     )
@@ -111,7 +112,7 @@ def make_grid(
 
 def known_systems() -> list[str]:
     """Learners and controls, as listed in the table, then others of the registry."""
-    found = {"langwm", *CONTROLS}
+    found = {*SYSTEMS, *CONTROLS}
     return [name for name in TABLE if name in found] + sorted(found - set(TABLE))
 
 
@@ -198,14 +199,14 @@ def cell_config(grid: GridConfig, cell: Cell) -> AgentConfig:
     Raises:
         ConfigError: If a setting is not allowed.
     """
-    own: dict[str, Any] = {"system": cell.system, "seed": cell.seed, "mae": grid.mae.get(cell.system)}
-    return build_config(AgentConfig, merge(grid.settings, own))
+    own: dict[str, Any] = {"seed": cell.seed, "mae": grid.mae.get(cell.system)}
+    return load_agent_config(cell.system, presets=grid.presets, overrides=merge(grid.overrides, own))
 
 
 def base_config(grid: GridConfig) -> AgentConfig:
     """What all cells share: the environment, the episodes, how long.
 
     Raises:
-        ConfigError: If a setting is not allowed.
+        ConfigError: If a preset or a setting is not allowed.
     """
-    return build_config(AgentConfig, grid.settings)
+    return load_config(AgentConfig, "agent", presets=grid.presets, overrides=grid.overrides)

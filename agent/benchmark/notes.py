@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from agent.benchmark.results import CellResult, Results
 from agent.benchmark.rows import row_of
 from agent.config import AgentConfig
+from agent.systems.registry import SYSTEMS
 
 LETTERS = "abcdefghijklmnopqrstuvwxyz"
 
@@ -49,7 +50,7 @@ def _learners(results: Results) -> list:
 
 
 def _text(system: str, cells: Sequence[CellResult]) -> str:
-    facts = [row_of(system).note]
+    facts = [SYSTEMS[system].note if system in SYSTEMS else row_of(system).note]
     configs = [result.config for result in cells if result.config is not None]
     if configs:
         facts += _facts(configs[0])

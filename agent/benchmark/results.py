@@ -13,14 +13,14 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
+from jaxtyping import Bool, Float64, Int64, Shaped
 
 from agent.benchmark.grid import Cell, GridConfig, base_config
-from agent.benchmark.record import Record, read_record
+from agent.benchmark.record import Record, read_record, record_path
 from agent.benchmark.rows import in_table_order
 from agent.config import AgentConfig
 from agent.evaluate import EPISODES_FILE, EVAL_FOLDER
-from langwm_data.config_io import CONFIG_FILE, load_config_file
+from langwm_data.config_io import CONFIG_FILE, ConfigError, load_config_file
 from pretrain.metrics import read_metrics
 
 MEASURES = ("success", "spl", "soft_spl", "distance_to_goal", "collisions", "length")
@@ -34,16 +34,16 @@ class Played:
 
     system: str
     seeds: tuple[int, ...]
-    scene: NDArray[np.str_]
-    """(E,) floor of each episode."""
-    episode: NDArray[np.int64]
-    """(E,) number of each episode on its floor or in its split."""
-    tier: NDArray[np.int64]
-    """(E,) distance tier."""
-    values: Mapping[str, NDArray[np.float64]]
-    """By measure, (S, E): seeds, episodes."""
+    scene: Shaped[np.ndarray, " E"]
+    """Floor of each episode."""
+    episode: Int64[np.ndarray, " E"]
+    """Number of each episode on its floor or in its split."""
+    tier: Int64[np.ndarray, " E"]
+    """Distance tier."""
+    values: Mapping[str, Float64[np.ndarray, "S E"]]
+    """By measure, for every seed and episode."""
 
-    def where(self, keep: NDArray[np.bool_]) -> "Played":
+    def where(self, keep: Bool[np.ndarray, " E"]) -> "Played":
         """Some of the episodes."""
         return Played(
             system=self.system,
@@ -134,7 +134,10 @@ def _read_rows(out: Path, result: CellResult) -> pa.Table:
     names += [*KEYS, *MEASURES]
     if not path.is_file():
         return pa.table({name: pa.array([], pa.string()) for name in names})
-    table = pq.read_table(path, columns=names)
+    try:
+        table = pq.read_table(path, columns=names)
+    except pa.ArrowException as error:
+        raise ConfigError(f"{path} is damaged; remove {record_path(out, result.cell)} to score again") from error
     return table.filter(pc.field("system") == result.cell.system)
 
 

@@ -30,74 +30,28 @@ class TableRow:
     title: str
     group: Group
     note: str = ""
-    """What a reader must know to compare it with the others."""
+    """Of a control; what is to be said of a learner stands in the registry."""
     needs_download: bool = False
     """Whether it wants weights that do not come with the program: only run when asked for by name."""
 
 
 TABLE: Mapping[str, TableRow] = MappingProxyType(
     {
-        "rad": TableRow(
-            title="RAD",
-            group="paper",
-            note="Soft actor-critic on stacked, randomly cropped frames; no depth, no language. Frames are"
-            " neither flipped nor turned, which would contradict the goal's bearing.",
-        ),
-        "curl": TableRow(
-            title="CURL",
-            group="paper",
-            note="Soft actor-critic with a contrastive loss between two random crops; no depth, no language.",
-        ),
-        "dreamerv2": TableRow(
-            title="DreamerV2",
-            group="paper",
-            note="Reconstructs RGB; no depth, no augmentations, no language.",
-        ),
-        "dreamerv2-da": TableRow(
-            title="DreamerV2 + DA",
-            group="paper",
-            note="Our reading: the augmentations of Table 2 on what the encoder sees, clean RGB as the"
-            " target; no depth, no language.",
-        ),
-        "mwm": TableRow(
-            title="MWM",
-            group="paper",
-            note="Masked autoencoder of RGB; no depth, no language, no object boxes.",
-        ),
-        "langwm": TableRow(
-            title="LanGWM",
-            group="paper",
-            note="Masked autoencoder of depth, which learns with the simulator's boxes and captions; acts"
-            " with the empty caption and without boxes.",
-        ),
-        "langwm-empty-language": TableRow(
-            title="LanGWM + object mask, empty language",
-            group="ablation",
-            note="As LanGWM, but its autoencoder only ever reads the empty caption.",
-        ),
-        "langwm-no-mask": TableRow(
-            title="LanGWM, no object mask, with language",
-            group="ablation",
-            note="As LanGWM without object boxes; the cell that the paper leaves out.",
-        ),
+        "rad": TableRow(title="RAD", group="paper"),
+        "curl": TableRow(title="CURL", group="paper"),
+        "dreamerv2": TableRow(title="DreamerV2", group="paper"),
+        "dreamerv2-da": TableRow(title="DreamerV2 + DA", group="paper"),
+        "mwm": TableRow(title="MWM", group="paper"),
+        "langwm": TableRow(title="LanGWM", group="paper"),
+        "langwm-empty-language": TableRow(title="LanGWM + object mask, empty language", group="ablation"),
+        "langwm-no-mask": TableRow(title="LanGWM, no object mask, with language", group="ablation"),
         "langwm-no-mask-empty-language": TableRow(
-            title="LanGWM, no object mask, empty language",
-            group="ablation",
-            note="As LanGWM with neither boxes nor captions: a masked autoencoder of depth.",
+            title="LanGWM, no object mask, empty language", group="ablation"
         ),
         "dreamerv2-grounding-dino": TableRow(
-            title="DreamerV2 + Grounding DINO",
-            group="bound",
-            note="Our reading: the world model sees a frozen detector's pooled features in place of pixels;"
-            " the paper gives no detail.",
-            needs_download=True,
+            title="DreamerV2 + Grounding DINO", group="bound", needs_download=True
         ),
-        "dreamerv2-oracle-boxes": TableRow(
-            title="DreamerV2 + the simulator's boxes",
-            group="bound",
-            note="Reads the simulator's boxes and categories also while it is tested: what a faultless"
-            " detector would tell it.",
-        ),
+        "dreamerv2-oracle-boxes": TableRow(title="DreamerV2 + the simulator's boxes", group="bound"),
         "oracle": TableRow(
             title="oracle path follower", group="control", note="Knows the map and the shortest way."
         ),

@@ -3,6 +3,7 @@
 Owns the order of events. Whatever happens, the same command goes on from what is there.
 """
 
+import contextlib
 import logging
 import os
 from collections.abc import Callable, Sequence
@@ -15,7 +16,9 @@ from agent.benchmark.cells import CellWorker, units_of
 from agent.benchmark.grid import Cell, GridConfig, base_config, cell_config, cells_of
 from agent.benchmark.record import Record, read_record, write_record
 from agent.benchmark.report import write_reports
-from agent.train import check_config
+from agent.envs.pointnav import PointNavEnv
+from agent.systems.registry import find_system
+from agent.systems.system import Spaces
 from langwm_data.config_io import (
     CONFIG_FILE,
     ConfigError,
@@ -25,6 +28,7 @@ from langwm_data.config_io import (
 )
 from langwm_data.engines import Engine, Pool, RayPool, check_engine
 from langwm_data.workers import WorkerPool
+from pretrain.train import usable_device
 
 JOIN_S = 120.0
 """How long interrupted cells may take to save themselves."""
@@ -63,6 +67,8 @@ def run_benchmark(
     """
     check_engine(engine, workers)
     check_grid(grid, out, fresh=fresh)
+    if engine == "local":  # the machines of a cluster may have what this one lacks
+        check_learners(grid)
     claim_output(out, grid, fresh=fresh, may_differ=("systems", "seeds", "mae", "against"))
     cells = cells_of(grid)
     todo = [cell for cell in cells if read_record(out, cell).state != "done"]
@@ -94,7 +100,6 @@ def check_grid(grid: GridConfig, out: Path, *, fresh: bool) -> None:
         if cell.is_control:
             continue
         config = cell_config(grid, cell)
-        check_config(config)
         held = cell.folder(out) / CONFIG_FILE
         if not fresh and held.is_file():
             fields = differing_fields(yaml.safe_load(held.read_text("utf-8")), config_to_dict(config))
@@ -103,6 +108,24 @@ def check_grid(grid: GridConfig, out: Path, *, fresh: bool) -> None:
                     f"{cell.name} of --out {str(out)!r} was begun with another configuration:"
                     f" {'; '.join(fields)}; use another folder, or --fresh to start over"
                 )
+
+
+def check_learners(grid: GridConfig) -> None:
+    """Make each learner once, and refuse what cannot be made.
+
+    Raises:
+        ConfigError: Naming the learner and why.
+    """
+    for cell in cells_of(grid):
+        if cell.is_control or cell.seed != grid.seeds[0]:
+            continue
+        config = cell_config(grid, cell)
+        usable_device(config.device)
+        try:
+            with contextlib.closing(PointNavEnv(config.env)) as env:
+                find_system(cell.system).create(config, Spaces.of(env))
+        except ValueError as error:
+            raise ConfigError(f"{cell.system} cannot be trained so: {error}") from error
 
 
 def _is_grid(path: Path) -> bool:
