@@ -10,7 +10,7 @@ import pickle
 from collections.abc import Sequence
 from functools import lru_cache
 from types import TracebackType
-from typing import Any, Literal, Protocol, Self
+from typing import Any, Literal, Protocol, Self, runtime_checkable
 
 from langwm_data.config_io import ConfigError
 from langwm_data.workers import Lost, Report, Worker, WorkerFactory, WorkerPool
@@ -23,6 +23,7 @@ RAY_RETRIES = 3
 """How often a task is started again when the process or node that did it is lost."""
 
 
+@runtime_checkable
 class Pool(Protocol):
     """Does tasks while it is open."""
 

@@ -13,7 +13,15 @@ from agent.benchmark.rows import TABLE, row_of
 from agent.config import AgentConfig
 from agent.systems.controls import CONTROLS
 from agent.systems.registry import SYSTEMS, load_agent_config
-from langwm_data.config_io import ConfigError, config, load_config, merge, parse_assignment
+from langwm_data.config_io import (
+    CONFIG_FILE,
+    ConfigError,
+    config,
+    load_config,
+    merge,
+    parse_assignment,
+    read_mapping,
+)
 
 MAE_OF = "langwm"
 """The system that an autoencoder without a name is for; others want ones trained their own way."""
@@ -210,3 +218,13 @@ def base_config(grid: GridConfig) -> AgentConfig:
         ConfigError: If a preset or a setting is not allowed.
     """
     return load_config(AgentConfig, "agent", presets=grid.presets, overrides=grid.overrides)
+
+
+def is_grid(out: Path) -> bool:
+    """Whether a folder is that of a grid, also of one that was only begun.
+
+    Raises:
+        ConfigError: If its configuration is damaged.
+    """
+    path = out / CONFIG_FILE
+    return path.is_file() and {"systems", "seeds"} <= set(read_mapping(path))

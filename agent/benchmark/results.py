@@ -15,7 +15,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from jaxtyping import Bool, Float64, Int64, Shaped
 
-from agent.benchmark.grid import Cell, GridConfig, base_config
+from agent.benchmark.grid import Cell, GridConfig, base_config, is_grid
 from agent.benchmark.record import Record, read_record, record_path
 from agent.benchmark.rows import in_table_order
 from agent.config import AgentConfig
@@ -92,6 +92,8 @@ def read_results(out: Path) -> Results:
     Raises:
         ConfigError: If it holds no grid, or a file of it is damaged.
     """
+    if not is_grid(out):
+        raise ConfigError(f"{str(out)!r} holds no grid; give the --out of a benchmark")
     grid = load_config_file(GridConfig, out / CONFIG_FILE)
     cells = [_read_cell(out, cell) for cell in _find_cells(out)]
     tables = {result.cell: _read_rows(out, result) for result in cells}
@@ -137,7 +139,9 @@ def _read_rows(out: Path, result: CellResult) -> pa.Table:
     try:
         table = pq.read_table(path, columns=names)
     except pa.ArrowException as error:
-        raise ConfigError(f"{path} is damaged; remove {record_path(out, result.cell)} to score again") from error
+        raise ConfigError(
+            f"{path} is damaged; remove {record_path(out, result.cell)} to score again"
+        ) from error
     return table.filter(pc.field("system") == result.cell.system)
 
 

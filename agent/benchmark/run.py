@@ -10,10 +10,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import yaml
-
 from agent.benchmark.cells import CellWorker, units_of
-from agent.benchmark.grid import Cell, GridConfig, base_config, cell_config, cells_of
+from agent.benchmark.grid import Cell, GridConfig, base_config, cell_config, cells_of, is_grid
 from agent.benchmark.record import Record, read_record, write_record
 from agent.benchmark.report import write_reports
 from agent.envs.pointnav import PointNavEnv
@@ -25,6 +23,7 @@ from langwm_data.config_io import (
     claim_output,
     config_to_dict,
     differing_fields,
+    read_mapping,
 )
 from langwm_data.engines import Engine, Pool, RayPool, check_engine
 from langwm_data.workers import WorkerPool
@@ -91,8 +90,7 @@ def check_grid(grid: GridConfig, out: Path, *, fresh: bool) -> None:
         ConfigError: If a cell cannot be trained so, or ``out`` holds another grid or cells that were
             trained otherwise.
     """
-    path = out / CONFIG_FILE
-    if path.is_file() and not _is_grid(path):
+    if (out / CONFIG_FILE).is_file() and not is_grid(out):
         raise ConfigError(f"--out {str(out)!r} holds something else than a grid; give a new folder")
     if unwanted := [system for system in grid.mae if system not in grid.systems]:
         raise ConfigError(f"--mae names a run for {unwanted[0]}, which is not among the systems")
@@ -102,7 +100,7 @@ def check_grid(grid: GridConfig, out: Path, *, fresh: bool) -> None:
         config = cell_config(grid, cell)
         held = cell.folder(out) / CONFIG_FILE
         if not fresh and held.is_file():
-            fields = differing_fields(yaml.safe_load(held.read_text("utf-8")), config_to_dict(config))
+            fields = differing_fields(read_mapping(held), config_to_dict(config))
             if fields:
                 raise ConfigError(
                     f"{cell.name} of --out {str(out)!r} was begun with another configuration:"
@@ -126,11 +124,6 @@ def check_learners(grid: GridConfig) -> None:
                 find_system(cell.system).create(config, Spaces.of(env))
         except ValueError as error:
             raise ConfigError(f"{cell.system} cannot be trained so: {error}") from error
-
-
-def _is_grid(path: Path) -> bool:
-    held = yaml.safe_load(path.read_text("utf-8"))
-    return isinstance(held, dict) and "systems" in held and "seeds" in held
 
 
 def _pool(grid: GridConfig, out: Path, engine: Engine, workers: int | None) -> Pool:

@@ -88,7 +88,7 @@ def test_shared_episodes_agree_with_scipys_paired_bootstrap():
 
 def test_shared_episodes_agree_with_drawing_seeds_and_episodes_one_by_one():
     rng = np.random.default_rng(0)
-    first, second = rng.normal(size=(4, 30)) + [[0], [0.5], [1], [1.5]], rng.normal(size=(2, 30))
+    first, second = rng.normal([[0], [0.5], [1], [1.5]], size=(4, 30)), rng.normal(size=(2, 30))
     differences = []
     for _ in range(20_000):
         episodes, seeds = rng.integers(30, size=30), (rng.integers(4, size=4), rng.integers(2, size=2))

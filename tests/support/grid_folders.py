@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from agent.benchmark.grid import Cell, Request, base_config, cell_config, make_grid
+from agent.benchmark.grid import Request, base_config, cell_config, make_grid
 from agent.benchmark.record import Record, write_record
 from langwm_data import atomic
 from langwm_data.config_io import config_to_yaml

@@ -42,7 +42,9 @@ def test_seeds_are_read(text, seeds):
 
 @pytest.mark.parametrize("text", ["4-0", "", "a", "1,,2", "-1", "0-", "0-1000", "1.5", "9" * 12])
 def test_wrong_seeds_are_refused(text):
-    with pytest.raises(ConfigError, match=f"--seeds '{text}' is not of the form 0-4, 7 or 0-2,5, first before"):
+    with pytest.raises(
+        ConfigError, match=f"--seeds '{text}' is not of the form 0-4, 7 or 0-2,5, first before"
+    ):
         parse_seeds(text)
 
 

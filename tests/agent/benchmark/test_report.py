@@ -50,7 +50,9 @@ def test_an_empty_grid_and_a_half_done_one_have_tables(tmp_path):
     assert "1 of 2 cells are done, 1 failed." in page
     assert "<code>langwm/seed-0</code> training diverged: &lt;loss&gt; is not a number" in page
     assert "How they learned" in page
-    assert "Not finished, and counted as far as scored: langwm/seed-0." in (tmp_path / "tables.md").read_text()
+    assert (
+        "Not finished, and counted as far as scored: langwm/seed-0." in (tmp_path / "tables.md").read_text()
+    )
 
 
 def test_a_learner_below_a_control_is_named(tmp_path):
@@ -63,7 +65,10 @@ def test_a_learner_below_a_control_is_named(tmp_path):
 
 
 def test_a_folder_without_a_grid_is_refused(tmp_path):
-    with pytest.raises(OSError, match=r"config\.yaml"):
+    with pytest.raises(ConfigError, match="holds no grid; give the --out of a benchmark"):
+        write_reports(tmp_path)
+    (tmp_path / "config.yaml").write_text("[")
+    with pytest.raises(ConfigError, match=r"config\.yaml is damaged: it is not YAML"):
         write_reports(tmp_path)
 
 
@@ -73,7 +78,9 @@ def test_a_damaged_record_is_one_sentence(tmp_path):
     write_cell(tmp_path, grid, cell)
     for text in ("{", '{"state": "done", "colour": 1}', "[]"):
         record_path(tmp_path, cell).write_text(text)
-        with pytest.raises(ConfigError, match=r"seed-0\.json is damaged; remove it, and the cell is looked at"):
+        with pytest.raises(
+            ConfigError, match=r"seed-0\.json is damaged; remove it, and the cell is looked at"
+        ):
             write_reports(tmp_path)
 
 
@@ -81,7 +88,9 @@ def test_damaged_episodes_are_one_sentence(tmp_path):
     grid = begin_grid(tmp_path, "random")
     write_cell(tmp_path, grid, Cell("random", 0))
     (tmp_path / "random/seed-0/eval/episodes.parquet").write_bytes(b"PAR1")
-    with pytest.raises(ConfigError, match=r"episodes\.parquet is damaged; remove .*seed-0\.json to score again"):
+    with pytest.raises(
+        ConfigError, match=r"episodes\.parquet is damaged; remove .*seed-0\.json to score again"
+    ):
         write_reports(tmp_path)
 
 

@@ -50,7 +50,9 @@ def test_the_papers_averages_are_those_of_its_cells_up_to_what_it_rounded():
         # Cells and averages are both rounded to hundredths.
         assert row.average_spl == pytest.approx(np.mean(row.spl), abs=0.0101), name
     assert set(PAPER_TABLE) <= set(TABLE)
-    assert max(PAPER_TABLE, key=lambda n: PAPER_TABLE[n].average_success_percent) == "dreamerv2-grounding-dino"
+    assert (
+        max(PAPER_TABLE, key=lambda n: PAPER_TABLE[n].average_success_percent) == "dreamerv2-grounding-dino"
+    )
 
 
 def test_our_test_floors_play_the_parts_of_the_papers():
