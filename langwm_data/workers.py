@@ -80,12 +80,15 @@ class WorkerPool:
         if self._local is not None:
             self._local.close()
         for pipe, process in self._pipes.items():
-            if error is not None:
+            if error is None:
+                pipe.close()  # nothing more comes, so it ends
+            else:
                 process.terminate()
-            pipe.close()
         for process in [*self._retired, *self._pipes.values()]:
             process.join(self._join_s)
             process.kill()
+        for pipe in self._pipes:  # only now: a worker that saves what it has may report until it is done
+            pipe.close()
 
     def run(self, tasks: Sequence[Any], report: Report, lost: Lost | None = None) -> None:
         """Do all tasks; return when the last one is done.

@@ -7,7 +7,9 @@ other cells.
 import contextlib
 import logging
 import math
+import multiprocessing
 import os
+import signal
 import traceback
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -63,7 +65,12 @@ class CellWorker:
         yield self._work
 
     def _work(self, cell: Cell, report: Report) -> None:
-        run_cell(self.grid, cell, self.out, report)
+        try:
+            run_cell(self.grid, cell, self.out, report)
+        except KeyboardInterrupt:
+            if multiprocessing.parent_process() is None:
+                raise
+            raise SystemExit(128 + signal.SIGINT) from None  # the parent says what there is to say
         try:
             self.finish(self.out)
         except ValueError as error:  # what is wrong with the tables is no reason not to do the other cells
@@ -98,11 +105,11 @@ def units_of(grid: GridConfig, cell: Cell) -> int:
 
 
 def episodes_on(config: AgentConfig, split: Split) -> int:
-    """Episodes on each floor: as many on the training floors together as on the test floors together."""
+    """Episodes on each floor: on the training floors together half as many as on the test floors together."""
     if split == "test":
         return config.eval_episodes
     floors = _num_floors(config)
-    return max(1, config.eval_episodes * floors["test"] // floors["train"])
+    return max(1, config.eval_episodes * floors["test"] // (2 * floors["train"]))
 
 
 def one_sentence(error: BaseException) -> str:

@@ -10,6 +10,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import torch
+
 from agent.benchmark.cells import CellWorker, units_of
 from agent.benchmark.grid import Cell, GridConfig, base_config, cell_config, cells_of, is_grid
 from agent.benchmark.record import Record, read_record, write_record
@@ -72,7 +74,8 @@ def run_benchmark(
     cells = cells_of(grid)
     todo = [cell for cell in cells if read_record(out, cell).state != "done"]
     if todo:
-        _do(grid, out, cells, todo, _pool(grid, out, engine, workers), progress)
+        most = None if workers is None else min(workers, len(todo))
+        _do(grid, out, cells, todo, _pool(grid, out, engine, most), progress)
     write_reports(out)
     return failures(out, cells)
 
@@ -128,12 +131,12 @@ def check_learners(grid: GridConfig) -> None:
 
 def _pool(grid: GridConfig, out: Path, engine: Engine, workers: int | None) -> Pool:
     is_apart = engine == "ray" or workers is not None
-    threads = max(1, (os.cpu_count() or 1) // workers) if workers else 1
+    threads = min(torch.get_num_threads(), max(1, (os.cpu_count() or 1) // (workers or 1)))
     worker = CellWorker(
         grid=grid,
         out=out.absolute(),
         folder=Path.cwd(),
-        threads=threads if is_apart else None,
+        threads=threads if engine == "local" and is_apart else None,
         finish=write_reports,
     )
     if engine == "ray":

@@ -71,13 +71,14 @@ def sample_episode(
         rng: Source of all that is drawn, the texture seed included.
         site: The scene, ready to drive in.
         config: Gives the edges of the distance tiers.
-        tier: Stay within this tier; any distance within all of them when None.
+        tier: Stay within this tier; any distance within ``config.drawn_tiers`` when None.
 
     Raises:
         ValueError: If the scene seems to have no such pair of places.
     """
     edges = config.distance_edges_m
-    low, high = (edges[0], edges[-1]) if tier is None else edges[tier : tier + 2]
+    drawn = edges[0], edges[-1 if config.drawn_tiers is None else config.drawn_tiers]
+    low, high = drawn if tier is None else edges[tier : tier + 2]
     for _ in range(GOALS_TRIED):
         goal = _place(rng, site)
         if site.world.collides(goal, 0.0):

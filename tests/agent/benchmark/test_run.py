@@ -231,13 +231,13 @@ def test_cells_run_on_ray(tmp_path, monkeypatch):
     assert all("is a file; give a folder" in text for text in failed)
 
 
-def test_training_floors_are_scored_on_as_many_episodes_as_test_floors():
+def test_training_floors_are_scored_on_half_as_many_episodes_as_test_floors():
     config = replace(base_config(debug_grid()), eval_episodes=200)
-    assert (episodes_on(config, "test"), episodes_on(config, "train")) == (200, 100)
+    assert (episodes_on(config, "test"), episodes_on(config, "train")) == (200, 50)
     assert episodes_on(replace(config, eval_episodes=1), "train") == 1
     grid = debug_grid(assignments=["eval_episodes=200"])
-    assert units_of(grid, Cell("random", 0)) == 400
-    assert units_of(grid, Cell("langwm", 0)) == 430
+    assert units_of(grid, Cell("random", 0)) == 300
+    assert units_of(grid, Cell("langwm", 0)) == 330
 
 
 def test_a_plan_counts_what_is_left(done, tmp_path):

@@ -49,6 +49,23 @@ def test_a_tier_bounds_the_distance(site):
         assert e.tier == tier
 
 
+def test_drawn_episodes_may_keep_to_the_nearest_tiers(site):
+    rng = np.random.default_rng(4)
+    near = dataclasses.replace(CONFIG, drawn_tiers=2)
+    drawn = [sample_episode(rng, site, near) for _ in range(20)]
+    assert {e.tier for e in drawn} == {0, 1}
+    assert all(e.geodesic_distance < 3.0 for e in drawn)
+    assert sample_episode(rng, site, near, tier=2).tier == 2
+
+
+def test_more_tiers_than_there_are_cannot_be_drawn_from():
+    assert build_config(EnvConfig, {"drawn_tiers": 3}).drawn_tiers == 3
+    with pytest.raises(
+        ConfigError, match=r"env\.drawn_tiers 4 is not allowed: env\.distance_edges_m has 3 tiers"
+    ):
+        build_config(EnvConfig, {"drawn_tiers": 4})
+
+
 def test_both_rooms_are_visited(site):
     rng = np.random.default_rng(3)
     episodes = [sample_episode(rng, site, CONFIG) for _ in range(30)]
