@@ -29,7 +29,7 @@ _log = logging.getLogger(__name__)
 
 
 class EnvCrashedError(RuntimeError):
-    """An environment broke more often than it may be started again; ends with the traceback of its process."""
+    """An environment broke more often than it may be started again; ends with its process's traceback."""
 
 
 class RestartingVectorEnv(SyncVectorEnv):
@@ -69,8 +69,10 @@ class RestartingVectorEnv(SyncVectorEnv):
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode in every environment, in those of ``options["reset_mask"]`` where that is given."""
-        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed
+        """Begin an episode in every environment, or in those of ``options["reset_mask"]``."""
+        seeds: list[int | None] | None = (
+            [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed
+        )
         if "reset_mask" in (options or {}) or (seeds is not None and len(seeds) != self.num_envs):
             return super().reset(seed=seed, options=options)
         for env, own in zip(self._remote, seeds or [None] * self.num_envs, strict=True):
@@ -114,8 +116,8 @@ class RestartingVectorEnv(SyncVectorEnv):
 class RemoteEnv(gymnasium.Env):
     """An environment in a process of its own.
 
-    ``ask_reset`` and ``ask_step`` hand over work without waiting; the ``reset`` or ``step`` that follows takes
-    the answer.
+    ``ask_reset`` and ``ask_step`` hand over work without waiting; the ``reset`` or ``step`` that follows
+    takes the answer.
 
     Args:
         make_env: Makes it.
@@ -295,7 +297,7 @@ def _serve(pipe: Connection, factory: Callable[[], gymnasium.Env]) -> None:
                 pipe.send(("refused", error))
             except BrokenPipeError:
                 raise
-            except Exception:  # noqa: BLE001
+            except Exception:
                 pipe.send(("broken", traceback.format_exc()))
     if env is not None:
         env.close()

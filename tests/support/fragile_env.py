@@ -1,4 +1,4 @@
-"""An environment that breaks when it is told to. Imports nothing heavy, so that its processes start at once."""
+"""An environment that breaks when it is told to. Imports nothing heavy: processes start at once."""
 
 import os
 import signal
