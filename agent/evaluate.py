@@ -19,7 +19,6 @@ from agent.envs.episode_file import (
     read_episode_file,
     write_episode_file,
 )
-from agent.footage import film, write_maps
 from agent.players import Player, control_player, trained_player, world_of
 from agent.rollout import Policy
 from agent.rows import EPISODES_FILE, Row, claimed, read_rows
@@ -213,6 +212,8 @@ def _evaluate(
             own = [agent, *controls]
             keep_rows(agent.out, own, [row for p in own for row in rows[p]], episodes)
         if plan.videos:
+            from agent.footage import film, write_maps  # matplotlib, which nothing else here needs
+
             for agent in agents:
                 film(agent, episodes, plan.videos)
                 write_maps(agent, episodes, rows[agent])

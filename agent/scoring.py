@@ -67,8 +67,9 @@ def keep_rows(out: Path, players: Sequence[Player], rows: Sequence[Row], episode
     identities = {player.system: player.identity for player in players}
     older = [*read_rows(out), *Journal(out).read()]
     kept = {key_of(r): r for r in older if r.get("player") == identities.get(r["system"], r.get("player"))}
-    merged = kept | {key_of(row): row for row in rows}
-    write_rows(out, list(merged.values()), episodes)
+    new = {key_of(row): row for row in rows}
+    others = [kept[key] for key in sorted(kept) if key not in new]
+    write_rows(out, [*new.values(), *others], episodes)
     Journal(out).remove()
 
 

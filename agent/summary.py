@@ -11,7 +11,7 @@ from scipy.stats import binomtest
 from agent.rows import Row
 from agent.statistics import hierarchical_bootstrap_interval, wilson_interval
 from langwm_data.seeding import make_rng
-from pretrain.statistics import Interval, paired_bootstrap_interval, percentiles
+from pretrain.statistics import Interval, percentiles
 
 MEANS = (
     "spl",
@@ -24,7 +24,13 @@ MEANS = (
     "return",
 )
 """Columns whose mean is reported with a bootstrap interval; success has Wilson's."""
-COMPARED = ("success", "spl", "soft_spl", "distance_to_goal")
+COMPARED = (
+    "success",
+    "spl",
+    "soft_spl",
+    "distance_to_goal",
+)
+"""Columns whose paired differences are reported; success first."""
 RESAMPLES = 2000
 
 
@@ -146,16 +152,19 @@ def summarise(rows: Sequence[Row]) -> Summary:
 def compare(rows: Sequence[Row], first: str, second: str) -> list[Difference]:
     """How ``first`` differs from ``second`` on the episodes of each split that both played."""
     of = {
-        name: {(r["split"], r["scene"], r["episode"], r["task"]): r for r in rows if r["system"] == name}
+        name: {
+            (r["split"], r["scene"], r["episode"], r.get("task") or ""): r
+            for r in rows
+            if r["system"] == name
+        }
         for name in (first, second)
     }
     shared = sorted(set(of[first]) & set(of[second]))
     found = []
     for split in sorted({key[0] for key in shared}):
         keys = [key for key in shared if key[0] == split]
-        a, b = ({m: np.array([of[n][k][m] for k in keys], float) for m in COMPARED} for n in (first, second))
-        only_first = int((a["success"] > b["success"]).sum())
-        only_second = int((a["success"] < b["success"]).sum())
+        a, b = (np.array([[of[n][k][m] for m in COMPARED] for k in keys], float) for n in (first, second))
+        only_first, only_second = int((a > b)[:, 0].sum()), int((a < b)[:, 0].sum())
         rng = make_rng(0, "difference", first, second, split)
         found.append(
             Difference(
@@ -166,7 +175,7 @@ def compare(rows: Sequence[Row], first: str, second: str) -> list[Difference]:
                 only_first=only_first,
                 only_second=only_second,
                 p_value=mcnemar_exact(only_first, only_second),
-                means={m: paired_bootstrap_interval(a[m], b[m], rng) for m in COMPARED},
+                means=dict(zip(COMPARED, _mean_intervals(a - b, rng), strict=True)),
             )
         )
     return found
