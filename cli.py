@@ -250,16 +250,36 @@ def train_agent_command(
 
 @app.command("evaluate-agent")
 def evaluate_agent_command(
-    run: Annotated[Path, typer.Argument(help="Run of train-agent.")],
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs of train-agent.")],
     split: Annotated[str, typer.Option("--split", help="train or test floors.")] = "test",
     episodes: Annotated[int | None, typer.Option("--episodes", min=1, help="Episodes on each floor.")] = None,
+    episodes_file: Annotated[
+        Path | None, typer.Option("--episodes-file", help="Play these: eval/episodes-SPLIT.json of any run.")
+    ] = None,
+    workers: Annotated[int, typer.Option("--workers", min=1, help="Processes; the rows are the same.")] = 1,
+    videos: Annotated[
+        int, typer.Option("--video", min=0, help="Episodes of each run to film, with maps of all floors.")
+    ] = 0,
+    device: Annotated[
+        str, typer.Option("--device", help="Where agents compute, as PyTorch names it.")
+    ] = "cpu",
 ) -> None:
-    """Score an agent on fixed episodes, beside random, straight-ahead and turn-to-goal."""
-    from agent.evaluate import evaluate_run
+    """Score agents on the same fixed episodes, beside random, straight-ahead, turn-to-goal and an oracle."""
+    from agent.evaluate import EVAL_FOLDER, Plan, evaluate_runs
 
+    plan = Plan(
+        split=split,
+        episodes_per_scene=episodes,
+        episodes_file=episodes_file,
+        workers=workers,
+        videos=videos,
+        device=device,
+    )
     with _progress("episodes") as progress:
-        summary = evaluate_run(run, split=split, episodes_per_scene=episodes, progress=progress)
+        summary = evaluate_runs(runs, plan, progress=progress)
     typer.echo(summary.as_text())
+    for run in runs:
+        typer.echo(f"rows at {run / EVAL_FOLDER}")
 
 
 @app.command("benchmark")
