@@ -254,16 +254,89 @@ def train_agent_command(
 
 @app.command("evaluate-agent")
 def evaluate_agent_command(
-    run: Annotated[Path, typer.Argument(help="Run of train-agent.")],
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs of train-agent.")],
     split: Annotated[str, typer.Option("--split", help="train or test floors.")] = "test",
     episodes: Annotated[int | None, typer.Option("--episodes", min=1, help="Episodes on each floor.")] = None,
+    episodes_file: Annotated[
+        Path | None, typer.Option("--episodes-file", help="Play these: eval/episodes-SPLIT.json of any run.")
+    ] = None,
+    workers: Annotated[int, typer.Option("--workers", min=1, help="Processes; the rows are the same.")] = 1,
+    videos: Annotated[
+        int, typer.Option("--video", min=0, help="Episodes of each run to film, with maps of all floors.")
+    ] = 0,
+    device: Annotated[
+        str, typer.Option("--device", help="Where agents compute, as PyTorch names it.")
+    ] = "cpu",
 ) -> None:
-    """Score an agent on fixed episodes, beside random, straight-ahead and turn-to-goal."""
-    from agent.evaluate import evaluate_run
+    """Score agents on the same fixed episodes, beside random, straight-ahead, turn-to-goal and an oracle."""
+    from agent.evaluate import EVAL_FOLDER, Plan, evaluate_runs
 
+    plan = Plan(
+        split=split,
+        episodes_per_scene=episodes,
+        episodes_file=episodes_file,
+        workers=workers,
+        videos=videos,
+        device=device,
+    )
     with _progress("episodes") as progress:
-        summary = evaluate_run(run, split=split, episodes_per_scene=episodes, progress=progress)
+        summary = evaluate_runs(runs, plan, progress=progress)
     typer.echo(summary.as_text())
+    for run in runs:
+        typer.echo(f"rows at {run / EVAL_FOLDER}")
+
+
+@app.command("benchmark")
+def benchmark_command(
+    out: Out,
+    systems: Annotated[
+        str | None, typer.Option("--systems", metavar="a,b,c", help="All that need no download if not given.")
+    ] = None,
+    seeds: Annotated[str, typer.Option("--seeds", metavar="0-4", help="Of every learner.")] = "0",
+    steps: Steps = None,
+    engine: Annotated[str, typer.Option("--engine", help="local, or ray: one task for each cell.")] = "local",
+    workers: Annotated[
+        int | None,
+        typer.Option("--workers", help="Cells at a time, in processes; one by one in this one if not given."),
+    ] = None,
+    mae: Annotated[
+        list[str], typer.Option("--mae", metavar="[SYSTEM=]RUN", help="Run of pretrain-mae; repeatable.")
+    ] = [],  # noqa: B006
+    data: Annotated[Path | None, typer.Option("--data", help="Dataset whose baked scenes are read.")] = None,
+    against: Annotated[
+        str, typer.Option("--against", help="System that others are compared with.")
+    ] = "langwm",
+    plan: Annotated[bool, typer.Option("--plan", help="Say what it will take, and do nothing.")] = False,
+    tables: Annotated[bool, typer.Option("--tables", help="Only write the tables anew.")] = False,
+    preset: Preset = [],  # noqa: B006
+    assignments: Set = [],  # noqa: B006
+    fresh: Fresh = False,
+) -> None:
+    """Train and score systems x seeds; write the paper's Table 1 with curves, intervals and costs."""
+    from agent.benchmark.grid import Request, make_grid
+    from agent.benchmark.plan import plan_benchmark
+    from agent.benchmark.report import write_reports
+    from agent.benchmark.run import run_benchmark
+    from langwm_data.engines import check_engine
+
+    if tables:
+        typer.echo(f"report at {write_reports(out, against)}")
+        return
+    flags: dict[str, Any] = {} if steps is None else {"steps": steps}
+    if data is not None:
+        flags["env"] = {"scenes": {"baked": str(data)}}
+    request = Request(systems=systems, seeds=seeds, mae=mae, against=against)
+    grid = make_grid(request, presets=preset, flags=flags, assignments=assignments)
+    method = check_engine(engine, workers)
+    if plan:
+        typer.echo(plan_benchmark(grid, out, workers=workers or 1))
+        return
+    with _progress("steps and episodes") as progress:
+        failed = run_benchmark(grid, out, engine=method, workers=workers, fresh=fresh, progress=progress)
+    typer.echo(f"report at {out / 'report.html'}")
+    if failed:
+        _fail(f"{len(failed)} cells failed; the same command tries them again: {'; '.join(failed)}", 1)
+        raise typer.Exit(1)
 
 
 @app.command("demo")

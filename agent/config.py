@@ -75,6 +75,9 @@ class EnvConfig:
     """Straight distance in the plane below which the goal counts as reached."""
     distance_edges_m: Annotated[tuple[float, ...], AfterValidator(_ascending)] = (1.0, 3.0, 6.0, 10.0)
     """Edges of the tiers of geodesic distance from start to goal; the first and last bound all of them."""
+    drawn_tiers: PositiveInt | None = None
+    """Episodes that are drawn, not given, lie in the nearest so many tiers; in all of them when None. So an
+    agent can be scored on goals farther away than those it learned on."""
     with_labels: bool = False
     """Add ``info["objects"]`` and ``info["instance"]``: what online finetuning of the MAE needs."""
     is_blind: bool = False
@@ -83,10 +86,16 @@ class EnvConfig:
     """Seed of the fixed evaluation episodes."""
 
     def __post_init__(self) -> None:
-        """Refuse lights that the renderer does not have."""
+        """Refuse lights that the renderer does not have, and tiers that there are not."""
         if self.randomize.lights != "fixed" and self.render.backend == "tiny":
             raise ConfigError(
                 f"env.randomize.lights {self.randomize.lights} needs env.render.backend auto, gl or embree"
+            )
+        num_tiers = len(self.distance_edges_m) - 1
+        if self.drawn_tiers is not None and self.drawn_tiers > num_tiers:
+            raise ConfigError(
+                f"env.drawn_tiers {self.drawn_tiers} is not allowed:"
+                f" env.distance_edges_m has {num_tiers} tiers"
             )
 
 

@@ -115,7 +115,7 @@ def _parts(stages: DemoStages) -> list[tuple[str, str, str]]:
         ("pretrain", "pretraining", f"{pretrain.steps} steps of {pretrain.batch_size} frames"),
         ("probe", "probing captions", f"up to {PROBE_FRAMES} held-out frames, six captions each"),
         ("train", "training the agent", f"{agent.steps} environment steps"),
-        ("evaluate", "scoring", "agent and three controls"),
+        ("evaluate", "scoring", "agent and four controls"),
     ]
 
 

@@ -1,81 +1,93 @@
 """Scores on fixed episodes: one function for agents and controls, a row per episode.
 
-Owns what is written under ``RUN/eval``. Every table is rebuilt from ``episodes.parquet``.
+Owns what is written under ``RUN/eval``: ``episodes.parquet``, from which every table is rebuilt,
+``episodes-<split>.json``, the episodes as they can be handed on, and ``summary.json``.
 """
 
-import contextlib
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+import secrets
+import tempfile
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
-
-import gymnasium
-import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from agent.config import AgentConfig, EnvConfig
-from agent.envs.episodes import EPISODES_VERSION, Episode, fixed_episodes
-from agent.envs.pointnav import PointNavEnv
-from agent.rollout import EpisodeRecord, Policy, run_episode
-from agent.statistics import wilson_interval
+from agent.envs.episode_file import (
+    EpisodeSet,
+    check_fits,
+    make_episode_set,
+    read_episode_file,
+    write_episode_file,
+)
+from agent.players import Player, control_player, trained_player, world_of
+from agent.rollout import Policy
+from agent.rows import EPISODES_FILE, Row, claimed, read_rows
+from agent.scoring import SUMMARY_FILE, Progress, keep_rows, play, play_all, write_rows
+from agent.summary import MEANS, Score, Summary, compare, pool_runs, summarise
 from agent.systems.agent import Agent
-from agent.systems.controls import CONTROLS
-from langwm_data import atomic
+from agent.systems.controls import CONTROL_NAMES
 from langwm_data.config_io import CONFIG_FILE, ConfigError, load_config_file
 from langwm_data.scenes.spec import Split
-from langwm_data.seeding import make_rng
-from pretrain.statistics import Interval, bootstrap_interval
+
+__all__ = [
+    "EPISODES_FILE",
+    "MEANS",
+    "SUMMARY_FILE",
+    "Plan",
+    "Row",
+    "Score",
+    "Summary",
+    "evaluate_agent",
+    "evaluate_run",
+    "evaluate_runs",
+    "play",
+    "read_rows",
+    "summarise",
+    "write_rows",
+]
 
 EVAL_FOLDER = "eval"
-EPISODES_FILE = "episodes.parquet"
-SUMMARY_FILE = "summary.json"
-AGENT = "langwm"
-"""Name of the trained agent in tables."""
-MEANS = ("spl", "soft_spl", "distance_to_goal", "path_length", "collisions", "length", "return")
-"""Columns whose mean is reported with a bootstrap interval; success has Wilson's."""
-
-Row = dict[str, Any]
-Progress = Callable[[int, int], None]
+CALLER = "agent"
+"""Name of a policy of the caller's in tables."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Score:
-    """How one system did in one group of episodes."""
+class Plan:
+    """What is to be played, and how."""
 
-    system: str
-    split: str
-    tier: int | None
-    """None: all distances together."""
-    num_episodes: int
-    success: Interval
-    means: Mapping[str, Interval]
+    split: str = "test"
+    """``train`` or ``test`` floors."""
+    episodes_per_scene: int | None = None
+    """None: all of ``episodes_file``, or as many as the first run's config says."""
+    episodes_file: Path | None = None
+    """Play these in place of those that the config describes."""
+    controls: tuple[str, ...] = CONTROL_NAMES
+    """Played beside the agents."""
+    workers: int = 1
+    """Processes; more need a script guarded by ``if __name__ == "__main__":``."""
+    videos: int = 0
+    """Episodes of each agent that are filmed, with a map of every floor."""
+    device: str = "cpu"
+    """Where agents compute."""
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON, every measure beside the others."""
-        head = {"system": self.system, "split": self.split, "tier": self.tier, "episodes": self.num_episodes}
-        measures = {"success": self.success, **self.means}
-        return head | {name: asdict(interval) for name, interval in measures.items()}
+    def __post_init__(self) -> None:
+        """Refuse what cannot be done."""
+        if self.split not in ("train", "test"):
+            raise ConfigError(f"--split {self.split!r} is unknown; allowed: train, test")
+        if self.workers < 1 or self.videos < 0 or (self.episodes_per_scene or 1) < 1:
+            raise ConfigError(
+                f"--workers {self.workers}, --video {self.videos}, --episodes {self.episodes_per_scene}:"
+                " allowed: 1 or more workers and episodes, 0 or more videos"
+            )
+        if unknown := set(self.controls) - set(CONTROL_NAMES):
+            raise ConfigError(
+                f"control {sorted(unknown)[0]!r} is unknown; allowed: {', '.join(CONTROL_NAMES)}"
+            )
 
-
-@dataclass(frozen=True)
-class Summary:
-    """Scores of all systems."""
-
-    scores: tuple[Score, ...]
-
-    def as_text(self) -> str:
-        """A table for a terminal; intervals at 95 %."""
-        lines = [
-            f"{'system':<16}{'floors':<8}{'n':>5}  {'success %':<20}{'SPL':<20}{'SoftSPL':<20}to goal, m"
-        ]
-        for score in self.scores:
-            if score.tier is None:
-                cells = [_as_text(score.success, 100.0, 1)]
-                cells += [_as_text(score.means[k], 1.0, 2) for k in ("spl", "soft_spl", "distance_to_goal")]
-                head = f"{score.system:<16}{score.split:<8}{score.num_episodes:>5}  "
-                lines.append(head + "".join(f"{cell:<20}" for cell in cells).rstrip())
-        return "\n".join(lines)
+    @property
+    def floors(self) -> Split:
+        """``split``, which was checked."""
+        return "train" if self.split == "train" else "test"
 
 
 def evaluate_run(
@@ -83,33 +95,65 @@ def evaluate_run(
     *,
     split: str = "test",
     episodes_per_scene: int | None = None,
+    workers: int = 1,
+    controls: Sequence[str] = CONTROL_NAMES,
     progress: Progress | None = None,
 ) -> Summary:
-    """Score the agent of a training run beside the controls and write ``RUN/eval``.
+    """Score the agent of a training run beside controls and write ``RUN/eval``.
 
-    Rows of the other split that are already there stay.
+    Rows of the other split that are already there stay, and episodes that are already there are not played
+    again, unless the agent has learned since.
 
     Args:
         run: Folder of a ``train-agent`` run.
         split: ``train`` or ``test`` floors.
         episodes_per_scene: As the run's config says when None.
+        workers: Processes.
+        controls: Who plays beside it.
         progress: Called with episodes done and in all.
 
     Raises:
-        ConfigError: If ``split`` is unknown.
+        ConfigError: If ``split`` or a control is unknown.
         ValueError: If there is no trained agent.
     """
-    run = Path(run)
-    agent = Agent.from_pretrained(run)
-    config = load_config_file(AgentConfig, run / CONFIG_FILE)
-    return evaluate_agent(
-        agent.act,
-        env=config.env,
-        split=split,
-        episodes_per_scene=episodes_per_scene or config.eval_episodes,
-        out=run / EVAL_FOLDER,
-        progress=progress,
-    )
+    plan = Plan(split=split, episodes_per_scene=episodes_per_scene, workers=workers, controls=tuple(controls))
+    return evaluate_runs([Path(run)], plan, progress=progress)
+
+
+def evaluate_runs(runs: Sequence[Path], plan: Plan, *, progress: Progress | None = None) -> Summary:
+    """Score agents of several runs on the same episodes, beside controls that play once for all.
+
+    Args:
+        runs: Folders of ``train-agent`` runs, whose worlds must be alike. Each gets its own ``eval`` folder.
+        plan: What is to be played.
+        progress: Called with episodes done and in all.
+
+    Returns:
+        Scores of all, and how the first run differs from each other one and from the controls.
+
+    Raises:
+        ConfigError: If the runs are not of one world, or one is named twice.
+        ValueError: If there is no trained agent, or the episodes are of something else.
+    """
+    if len({run.resolve() for run in runs}) < max(1, len(runs)):
+        raise ConfigError(f"runs {', '.join(map(str, runs))} must be one or more, none of them twice")
+    configs = [_config_of(run) for run in runs]
+    envs = [config.env for config in configs]
+    for run, env in zip(runs, envs, strict=True):
+        if world_of(env) != world_of(envs[0]):
+            raise ConfigError(
+                f"{runs[0]} and {run} drive in different worlds (see env in their {CONFIG_FILE});"
+                " score them apart"
+            )
+    count = plan.episodes_per_scene
+    if count is None and plan.episodes_file is None:
+        count = configs[0].eval_episodes
+    agents = [
+        trained_player(run, env, run / EVAL_FOLDER, plan.device) for run, env in zip(runs, envs, strict=True)
+    ]
+    episodes = _episodes(envs[0], replace(plan, episodes_per_scene=count))
+    labels = _labels([agent.system for agent in agents], runs)
+    return _evaluate(agents, labels, episodes, plan, progress)
 
 
 def evaluate_agent(
@@ -121,7 +165,7 @@ def evaluate_agent(
     out: Path | None = None,
     progress: Progress | None = None,
 ) -> Summary:
-    """Score an agent beside the controls on the fixed episodes of a split.
+    """Score an agent beside the controls on the fixed episodes of a split, in this process.
 
     Args:
         agent: A policy, or the folder of a trained agent.
@@ -135,99 +179,76 @@ def evaluate_agent(
         ConfigError: If ``split`` is unknown.
         ValueError: If the folder holds no trained agent.
     """
-    if isinstance(agent, Path | str):
-        trained = Agent.from_pretrained(agent)
-        agent, env = trained.act, env or trained.env
-    config, known = env or EnvConfig(), _as_split(split)
-    episodes = fixed_episodes(config, known, episodes_per_scene)
-    rows, total = [], (1 + len(CONTROLS)) * len(episodes)
-
-    def tick(done: int) -> None:
-        if progress is not None:
-            progress(len(rows) + done, total)
-
-    with contextlib.closing(PointNavEnv(config, known)) as world:
-        rows += play(AGENT, agent, world, episodes, split=split, tick=tick)
-    # The controls look at nothing, so nothing is rendered for them.
-    with contextlib.closing(PointNavEnv(replace(config, is_blind=True), known)) as world:
-        for name, control in CONTROLS.items():
-            rows += play(name, control, world, episodes, split=split, tick=tick)
-    if out is not None:
-        rows += [row for row in read_rows(out) if row["split"] != split]
-        write_rows(out, rows)
-    return summarise(rows)
+    plan = Plan(split=split, episodes_per_scene=episodes_per_scene)
+    with ExitStack() as held:
+        folder = out or Path(held.enter_context(tempfile.TemporaryDirectory()))
+        if isinstance(agent, Path | str):
+            world = env or Agent.from_pretrained(agent).env
+            player = trained_player(Path(agent), world, folder, plan.device)
+        else:
+            world = env or EnvConfig()
+            # Nobody knows what the caller's policy depends on, so it is always played.
+            identity = secrets.token_hex(8)
+            player = Player(system=CALLER, env=world, out=folder, policy=agent, identity=identity)
+        return _evaluate([player], [player.system], _episodes(world, plan), plan, progress)
 
 
-def play(
-    system: str,
-    policy: Policy,
-    env: gymnasium.Env,
-    episodes: Sequence[Episode],
-    *,
-    split: str,
-    tick: Callable[[int], None] | None = None,
-) -> list[Row]:
-    """Play every episode once; ``tick`` is called with how many are done."""
-    rows = []
-    for number, episode in enumerate(episodes):
-        record = run_episode(env, policy, episode=episode)
-        rows.append({"system": system, "split": split, "episode": number, **_as_row(record)})
-        if tick is not None:
-            tick(len(rows))
-    return rows
+def _evaluate(
+    agents: Sequence[Player],
+    labels: Sequence[str],
+    episodes: EpisodeSet,
+    plan: Plan,
+    progress: Progress | None,
+) -> Summary:
+    """Play what is not played yet, write it down, and sum up what was asked for."""
+    controls = [control_player(name, agents[0].env, agents[0].out) for name in plan.controls]
+    players = (*agents, *controls)
+    with ExitStack() as held:
+        for agent in agents:
+            held.enter_context(claimed(agent.out))
+            write_episode_file(agent.out / f"episodes-{plan.split}.json", episodes)
+        rows = play_all(players, episodes, plan.workers, progress)
+        for agent in agents:
+            own = [agent, *controls]
+            keep_rows(agent.out, own, [row for p in own for row in rows[p]], episodes)
+        if plan.videos:
+            from agent.footage import film, write_maps  # matplotlib, which nothing else here needs
+
+            for agent in agents:
+                film(agent, episodes, plan.videos)
+                write_maps(agent, episodes, rows[agent])
+    named = [
+        row | {"system": label}
+        for player, label in zip(players, [*labels, *plan.controls], strict=True)
+        for row in rows[player]
+    ]
+    scores = summarise(named).scores
+    systems = {label: agent.system for label, agent in zip(labels, agents, strict=True)}
+    others = [*labels[1:], *plan.controls]
+    differences = [d for other in others for d in compare(named, labels[0], other)]
+    return Summary((*scores, *pool_runs(named, systems)), tuple(differences))
 
 
-def summarise(rows: Sequence[Row]) -> Summary:
-    """Scores per system and split, over all distances and per tier."""
-    groups: dict[tuple[str, str, int | None], list[Row]] = {}
-    for row in rows:
-        for tier in (None, row["tier"]):
-            groups.setdefault((row["system"], row["split"], tier), []).append(row)
-    in_order = sorted(groups, key=lambda g: (g[1], g[2] is not None, g[2] or 0))
-    return Summary(tuple(_score(*group, groups[group]) for group in in_order))
+def _episodes(env: EnvConfig, plan: Plan) -> EpisodeSet:
+    if plan.episodes_file is None:
+        assert plan.episodes_per_scene is not None
+        return make_episode_set(env, plan.floors, plan.episodes_per_scene)
+    episodes = read_episode_file(plan.episodes_file)
+    check_fits(episodes, env, plan.floors, plan.episodes_file)
+    return episodes if plan.episodes_per_scene is None else episodes.first(plan.episodes_per_scene)
 
 
-def write_rows(out: Path, rows: Sequence[Row]) -> None:
-    """Write ``episodes.parquet`` and, rebuilt from it, ``summary.json``."""
-    table = pa.Table.from_pylist(list(rows))
-    with atomic.atomic_path(out / EPISODES_FILE) as temporary:
-        pq.write_table(table, temporary)
-    scores = [score.to_dict() for score in summarise(rows).scores]
-    atomic.write_json(out / SUMMARY_FILE, {"episodes_version": EPISODES_VERSION, "scores": scores})
+def _config_of(run: Path) -> AgentConfig:
+    """What a run was trained with, and where its baked scenes lie if it still has its own config file."""
+    config, path = Agent.from_pretrained(run).config, run / CONFIG_FILE
+    if path.is_file():
+        config = load_config_file(AgentConfig, path)
+    return replace(config, env=replace(config.env, with_labels=False))
 
 
-def read_rows(out: Path) -> list[Row]:
-    """The rows of ``episodes.parquet``; none where there is no such file."""
-    path = out / EPISODES_FILE
-    return pq.read_table(path).to_pylist() if path.is_file() else []
-
-
-def _score(system: str, split: str, tier: int | None, rows: Sequence[Row]) -> Score:
-    rng = make_rng(0, "bootstrap", system, split, -1 if tier is None else tier)
-    columns = {name: np.array([row[name] for row in rows], dtype=np.float64) for name in MEANS}
-    return Score(
-        system=system,
-        split=split,
-        tier=tier,
-        num_episodes=len(rows),
-        success=wilson_interval(sum(row["success"] for row in rows), len(rows)),
-        means={name: bootstrap_interval(values, rng) for name, values in columns.items()},
-    )
-
-
-def _as_row(record: EpisodeRecord) -> Row:
-    row = asdict(record) | {"trajectory": record.trajectory.tolist(), "goal": record.goal.tolist()}
-    row["length"] = row.pop("num_steps")
-    row["return"] = row.pop("total_reward")
-    return row
-
-
-def _as_split(split: str) -> Split:
-    if split == "train" or split == "test":
-        return split
-    raise ConfigError(f"--split {split!r} is unknown; allowed: train, test")
-
-
-def _as_text(interval: Interval, scale: float, digits: int) -> str:
-    mean, low, high = (scale * x for x in (interval.mean, interval.low, interval.high))
-    return f"{mean:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
+def _labels(systems: Sequence[str], runs: Sequence[Path]) -> list[str]:
+    """Names in a table of several runs: systems, with the run where that is not enough."""
+    return [
+        system if list(systems).count(system) == 1 else f"{system} {run}"
+        for system, run in zip(systems, runs, strict=True)
+    ]

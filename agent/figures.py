@@ -12,6 +12,8 @@ from matplotlib.patches import Circle, Polygon
 
 from pretrain.figures import ACCENT, SERIES, SOFT, WARM, svg_address, tidy_axes
 
+DASHES = ("-", "--", ":")
+LEGEND_COLUMNS = 4
 FLOOR, WALL, FURNITURE = "#f5f7fa", "#3b4350", "#c9d2de"
 
 
@@ -22,6 +24,17 @@ class Curve:
     name: str
     steps: Sequence[int]
     values: Sequence[float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Band:
+    """A line between two others; not a number where nothing is known."""
+
+    name: str
+    steps: Float[np.ndarray, " B"]
+    middle: Float[np.ndarray, " B"]
+    low: Float[np.ndarray, " B"]
+    high: Float[np.ndarray, " B"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +56,36 @@ def curve_figure(panels: Mapping[str, Sequence[Curve]], x_label: str) -> str:
         _draw_curves(ax, title, curves, x_label)
     for ax in axes[len(panels) :]:
         ax.set_axis_off()
+    return svg_address(figure)
+
+
+def band_figure(panels: Mapping[str, Sequence[Band]], x_label: str) -> str:
+    """Plots side by side with one legend below, the same bands in each; returns an SVG ``data:`` address.
+
+    Colours repeat with another dash when there are more bands than colours; the first is drawn on top.
+    """
+    num_bands = max((len(bands) for bands in panels.values()), default=0)
+    legend_rows = -(-num_bands // LEGEND_COLUMNS)
+    figure = Figure(figsize=(3.4 * len(panels), 2.6 + 0.2 * legend_rows), layout="constrained")
+    axes = np.atleast_1d(figure.subplots(1, len(panels))).ravel()
+    for ax, (title, bands) in zip(axes, panels.items(), strict=True):
+        for index, band in reversed(list(enumerate(bands))):
+            color, dash = SERIES[index % len(SERIES)], DASHES[index // len(SERIES) % len(DASHES)]
+            width = 2.0 if index == 0 else 1.2
+            ax.fill_between(band.steps, band.low, band.high, color=color, alpha=0.1, linewidth=0)
+            ax.plot(band.steps, band.middle, dash, color=color, linewidth=width, marker=".", label=band.name)
+        tidy_axes(ax, title)
+        ax.set_xlabel(x_label, fontsize=8, color=SOFT)
+    if num_bands:
+        handles, labels = axes[0].get_legend_handles_labels()
+        figure.legend(
+            handles[::-1],
+            labels[::-1],
+            loc="outside lower center",
+            ncols=LEGEND_COLUMNS,
+            fontsize=7,
+            frameon=False,
+        )
     return svg_address(figure)
 
 

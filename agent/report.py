@@ -16,9 +16,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from agent.evaluate import AGENT as AGENT_ROW
 from agent.evaluate import EVAL_FOLDER, Row, Score, read_rows, summarise
-from agent.figures import Curve, Walk, curve_figure, map_figure
+from agent.figures import Curve, curve_figure, map_figure
+from agent.footage import walk_of
 from langwm_data import atomic
 from langwm_data.png import image_address
 from langwm_data.scenes.navigation import floor_plan
@@ -37,6 +37,8 @@ from pretrain.probing.grounding import BOX
 from pretrain.probing.wording import TITLES, change_text, comparison_row, range_text
 
 REPORT_FILE = "report.html"
+AGENT_ROW = "langwm"
+"""The system that a demo trains."""
 DATA, MAE, PROBE, AGENT = "data", "mae", "probe", "agent"
 """Folders of the stages in a demo's folder."""
 PROBE_FILE = "probe.parquet"
@@ -212,7 +214,7 @@ def _curve(rows: Sequence[Mapping[str, Any]], name: str, key: str) -> Curve:
 
 def _navigation(run: Path, data: Path) -> dict[str, Any]:
     rows = read_rows(run / EVAL_FOLDER)
-    scores = [s for s in summarise(rows).scores if s.tier is None]
+    scores = [s for s in summarise(rows).scores if s.is_overall]
     tables = [
         {
             "title": f"{split.capitalize()} floors"
@@ -275,7 +277,7 @@ def _maps(rows: Sequence[Row], data: Path) -> list[dict[str, str]]:
     maps = []
     for name in sorted({row["scene"] for row in ours})[:MAPS]:
         scene = SceneSpec.from_json((data / "scenes" / f"{name}.json").read_bytes())
-        walks = [_walk(row) for row in ours if row["scene"] == name][:WALKS_PER_MAP]
+        walks = [walk_of(row) for row in ours if row["scene"] == name][:WALKS_PER_MAP]
         maps.append(
             {
                 "image": map_figure(floor_plan(scene), walks),
@@ -284,11 +286,3 @@ def _maps(rows: Sequence[Row], data: Path) -> list[dict[str, str]]:
             }
         )
     return maps
-
-
-def _walk(row: Row) -> Walk:
-    return Walk(
-        positions=np.array(row["trajectory"])[:, :2],
-        goal=(row["goal"][0], row["goal"][1]),
-        is_success=row["success"],
-    )

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float64
 from scipy.special import ndtri
 
 from pretrain.statistics import Interval, Values, check_not_empty, percentiles
@@ -48,8 +49,61 @@ def hierarchical_bootstrap_interval(
         raise ValueError("0 seeds; give the values of at least one")
     for group in groups:
         check_not_empty(group)
-    means = np.empty(resamples)
-    for i in range(resamples):
-        seeds = rng.integers(len(groups), size=len(groups))
-        means[i] = np.mean([rng.choice(groups[s], size=len(groups[s])).mean() for s in seeds])
-    return percentiles(float(np.mean([g.mean() for g in groups])), means, confidence)
+    drawn = rng.integers(len(groups), size=(resamples, len(groups)))
+    means = np.empty(drawn.shape)
+    for seed, group in enumerate(groups):
+        places = drawn == seed
+        means[places] = _means_of_resamples(group, int(places.sum()), rng)
+    return percentiles(float(np.mean([g.mean() for g in groups])), means.mean(axis=1), confidence)
+
+
+def shared_episodes_interval(
+    first: Float64[np.ndarray, "S E"],
+    second: Float64[np.ndarray, "S2 E2"],
+    rng: np.random.Generator,
+    *,
+    confidence: float = 0.95,
+    resamples: int = 2000,
+) -> Interval:
+    """Interval of the mean of ``first`` minus that of ``second``, which played the same episodes.
+
+    Seeds are drawn apart for each, because nothing ties one's seed 0 to the other's; episodes are drawn once
+    for both, which takes out what makes an episode hard for anybody.
+
+    Args:
+        first: A value for every seed and episode.
+        second: The same episodes in the same order, with as many seeds as there are.
+        rng: Draws the resamples.
+        confidence: Share of resamples between the limits.
+        resamples: How many.
+
+    Raises:
+        ValueError: If the two have different numbers of episodes, or no values.
+    """
+    if first.shape[1] != second.shape[1]:
+        raise ValueError(
+            f"{first.shape[1]} and {second.shape[1]} episodes; a paired comparison needs the same of both"
+        )
+    for values in (first, second):
+        check_not_empty(values.ravel())
+    num = first.shape[1]
+    episodes = rng.multinomial(num, np.full(num, 1 / num), size=resamples) / num
+    means = [
+        np.einsum("re,re->r", _seed_weights(values.shape[0], resamples, rng) @ values, episodes)
+        for values in (first, second)
+    ]
+    return percentiles(float(first.mean() - second.mean()), means[0] - means[1], confidence)
+
+
+def _seed_weights(num: int, resamples: int, rng: np.random.Generator) -> Float64[np.ndarray, "R S"]:
+    return rng.multinomial(num, np.full(num, 1 / num), size=resamples) / num
+
+
+def _means_of_resamples(values: Values, count: int, rng: np.random.Generator) -> Values:
+    """Means of ``count`` resamples of ``values``, some at a time so that memory stays small."""
+    at_once = max(1, 2**22 // len(values))
+    parts = [
+        values[rng.integers(len(values), size=(min(at_once, count - start), len(values)))].mean(axis=1)
+        for start in range(0, count, at_once)
+    ]
+    return np.concatenate(parts) if parts else np.zeros(0)

@@ -128,7 +128,7 @@ def load_config_file(cls: type[T], path: Path) -> T:
     Raises:
         ConfigError: If the file is damaged, or holds fields or values that ``cls`` does not allow.
     """
-    return build_config(cls, _read_mapping(path))
+    return build_config(cls, read_mapping(path))
 
 
 def differing_fields(old: Mapping[str, Any], new: Mapping[str, Any], prefix: str = "") -> list[str]:
@@ -165,10 +165,10 @@ def claim_output(out: Path, value: Any, *, fresh: bool = False, may_differ: Sequ
         raise ConfigError(f"--out {str(out)!r} is not empty and holds no {CONFIG_FILE}; give a new folder")
     new = config_to_dict(value)
     if fresh and path.is_file():
-        _remove_run(out, _read_mapping(path), new)
+        _remove_run(out, read_mapping(path), new)
     if not path.is_file() and atomic.create_text(path, text):
         return
-    old = _read_mapping(path)
+    old = read_mapping(path)
     if fields := differing_fields(_without(old, may_differ), _without(new, may_differ)):
         raise ConfigError(
             f"--out {str(out)!r} holds a run of another configuration: {'; '.join(fields)};"
@@ -197,7 +197,12 @@ def _without(values: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
     return {name: value for name, value in values.items() if name not in names}
 
 
-def _read_mapping(path: Path) -> dict[str, Any]:
+def read_mapping(path: Path) -> dict[str, Any]:
+    """The nested values of a YAML file.
+
+    Raises:
+        ConfigError: If the file is damaged or holds something else.
+    """
     try:
         values = yaml.safe_load(path.read_text("utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as error:

@@ -10,10 +10,10 @@ import pickle
 from collections.abc import Sequence
 from functools import lru_cache
 from types import TracebackType
-from typing import Any, Literal, Protocol, Self
+from typing import Any, Literal, Protocol, Self, runtime_checkable
 
 from langwm_data.config_io import ConfigError
-from langwm_data.workers import Report, Worker, WorkerFactory, WorkerPool
+from langwm_data.workers import Lost, Report, Worker, WorkerFactory, WorkerPool
 
 Engine = Literal["local", "ray"]
 
@@ -23,6 +23,7 @@ RAY_RETRIES = 3
 """How often a task is started again when the process or node that did it is lost."""
 
 
+@runtime_checkable
 class Pool(Protocol):
     """Does tasks while it is open."""
 
@@ -36,8 +37,8 @@ class Pool(Protocol):
         """Stop, also what is still being done."""
         ...
 
-    def run(self, tasks: Sequence[Any], report: Report) -> None:
-        """Do all tasks; return when the last one is done."""
+    def run(self, tasks: Sequence[Any], report: Report, lost: Lost | None = None) -> None:
+        """Do all tasks; return when the last one is done. ``lost`` hears of those whose process died."""
         ...
 
 
@@ -75,11 +76,17 @@ class RayPool:
     Joins the cluster that Ray finds (a session that is open, ``RAY_ADDRESS``, or one started on this
     machine), else starts one on this machine. Every node needs this program, and the output: a folder that
     all share, or a URL.
+
+    Args:
+        make_worker: Makes what does the tasks.
+        tasks_per_worker: After so many tasks a process gives way to a new one.
+        num_gpus: That each task needs to itself.
     """
 
-    def __init__(self, make_worker: WorkerFactory, *, tasks_per_worker: int) -> None:
+    def __init__(self, make_worker: WorkerFactory, *, tasks_per_worker: int, num_gpus: int = 0) -> None:
         self._factory = pickle.dumps(make_worker)
         self._tasks_per_worker = tasks_per_worker
+        self._num_gpus = num_gpus
         self._pending: dict[Any, Any] = {}
 
     def __enter__(self) -> Self:
@@ -90,8 +97,9 @@ class RayPool:
                 ray.init(logging_level=logging.WARNING)
             except Exception as error:  # Ray raises nothing narrower
                 raise ConnectionError(f"Ray does not start, or cannot be joined: {error}") from error
-        options = {"num_cpus": 1, "max_retries": RAY_RETRIES, "max_calls": self._tasks_per_worker}
-        self._remote = ray.remote(**options)(_do_task)
+        needs = {"num_cpus": 1, "num_gpus": self._num_gpus}
+        options = {"max_retries": RAY_RETRIES, "max_calls": self._tasks_per_worker}
+        self._remote = ray.remote(**needs, **options)(_do_task)
         return self
 
     def __exit__(
@@ -103,11 +111,17 @@ class RayPool:
         if self._is_ours:
             ray.shutdown()
 
-    def run(self, tasks: Sequence[Any], report: Report) -> None:
+    def run(self, tasks: Sequence[Any], report: Report, lost: Lost | None = None) -> None:
         """Do all tasks; return when the last one is done. Each is reported when it is done.
 
+        Args:
+            tasks: What to do.
+            report: Called with the units of work of a task that is done.
+            lost: Called for a task that is lost too often, upon which the others go on.
+
         Raises:
-            ChildProcessError: If a task is lost more often than it is started again.
+            ChildProcessError: If a task is lost more often than it is started again, and ``lost`` is not
+                given.
             Exception: What a task raised. Tasks that are done stay done.
         """
         ray = _ray()
@@ -120,10 +134,13 @@ class RayPool:
                 except ray.exceptions.RayTaskError as error:
                     raise error.cause from None
                 except ray.exceptions.RayError as error:
-                    raise ChildProcessError(
+                    sentence = (
                         f"the Ray cluster lost {task} {RAY_RETRIES + 1} times ({type(error).__name__});"
                         " what was finished is kept, the same command goes on from there"
-                    ) from None
+                    )
+                    if lost is None:
+                        raise ChildProcessError(sentence) from None
+                    lost(task, sentence)
 
 
 def _ray() -> Any:  # noqa: ANN401

@@ -21,8 +21,11 @@ Report = Callable[[int], None]
 Worker = Callable[[Any, Report], None]
 WorkerFactory = Callable[[], AbstractContextManager[Worker]]
 """Makes what does the tasks; called once in each process, so it has to be picklable."""
+Lost = Callable[[Any, str], None]
+"""Called with a task whose process died, and a sentence that says so."""
 
-_JOIN_S = 5.0
+JOIN_S = 5.0
+"""How long workers that are told to stop may take, if nothing else is said."""
 
 _log = logging.getLogger(__name__)
 
@@ -38,15 +41,25 @@ class WorkerPool:
         num_workers: How many at once.
         tasks_per_worker: After so many tasks a worker, and the process that holds it, gives way to a new
             one, so that memory that libraries do not give back stays bounded. Never where it is not given.
+        is_separate: A single worker gets a process of its own as well.
+        join_s: How many seconds workers may take to save what they have when they are told to stop.
     """
 
     def __init__(
-        self, make_worker: WorkerFactory, num_workers: int, *, tasks_per_worker: int | None = None
+        self,
+        make_worker: WorkerFactory,
+        num_workers: int,
+        *,
+        tasks_per_worker: int | None = None,
+        is_separate: bool = False,
+        join_s: float = JOIN_S,
     ) -> None:
         assert num_workers >= 1, num_workers
         assert tasks_per_worker is None or tasks_per_worker >= 1, tasks_per_worker
         self._make_worker = make_worker
         self._num_workers = num_workers
+        self._is_local = num_workers == 1 and not is_separate
+        self._join_s = join_s
         self._tasks_per_worker = tasks_per_worker
         self._pipes: dict[Connection, BaseProcess] = {}
         self._tasks_done: dict[Connection, int] = {}
@@ -54,7 +67,7 @@ class WorkerPool:
         self._local: _LocalWorker | None = None
 
     def __enter__(self) -> Self:
-        if self._num_workers == 1:
+        if self._is_local:
             self._local = _LocalWorker(self._make_worker, self._tasks_per_worker)
             return self
         for number in range(self._num_workers):
@@ -67,18 +80,26 @@ class WorkerPool:
         if self._local is not None:
             self._local.close()
         for pipe, process in self._pipes.items():
-            if error is not None:
+            if error is None:
+                pipe.close()  # nothing more comes, so it ends
+            else:
                 process.terminate()
-            pipe.close()
         for process in [*self._retired, *self._pipes.values()]:
-            process.join(_JOIN_S)
+            process.join(self._join_s)
             process.kill()
+        for pipe in self._pipes:  # only now: a worker that saves what it has may report until it is done
+            pipe.close()
 
-    def run(self, tasks: Sequence[Any], report: Report) -> None:
+    def run(self, tasks: Sequence[Any], report: Report, lost: Lost | None = None) -> None:
         """Do all tasks; return when the last one is done.
 
+        Args:
+            tasks: What to do, in this order.
+            report: Called with the units of work just done.
+            lost: Called for a task whose process dies, upon which the others go on.
+
         Raises:
-            ChildProcessError: If a worker process dies.
+            ChildProcessError: If a worker process dies and ``lost`` is not given.
             Exception: What a task raised. Tasks that are done stay done.
         """
         if self._local is not None:
@@ -92,7 +113,14 @@ class WorkerPool:
         while busy:
             for pipe in wait(list(busy)):
                 assert isinstance(pipe, Connection)
-                message = self._receive(pipe, busy[pipe])
+                try:
+                    message = self._receive(pipe, busy[pipe])
+                except ChildProcessError as death:
+                    if lost is None:
+                        raise
+                    lost(busy.pop(pipe), str(death))
+                    self._hand_out(self._replace(pipe), waiting, busy)
+                    continue
                 if isinstance(message, int):
                     report(message)
                     continue
@@ -124,7 +152,7 @@ class WorkerPool:
         """A new process for one that has done its share, which ends because its pipe closes."""
         process = self._pipes.pop(pipe)
         pipe.close()
-        process.join(_JOIN_S)
+        process.join(self._join_s)
         self._retired = [p for p in [*self._retired, process] if p.is_alive()]
         return self._start(process.name)
 
@@ -133,7 +161,7 @@ class WorkerPool:
             return pipe.recv()
         except (EOFError, ConnectionResetError):
             process = self._pipes[pipe]
-            process.join(_JOIN_S)
+            process.join(self._join_s)
             raise ChildProcessError(
                 f"worker process {process.name} died ({_ending(process.exitcode)}) during {task};"
                 " what was finished is kept, the same command goes on from there"

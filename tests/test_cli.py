@@ -53,6 +53,14 @@ def refuse(capsys, *arguments: str) -> str:
         (["train-agent", "--out", "x", "--preset", "debug", "--system", "hal"], "'hal'"),
         (["train-agent", "--out", "x", "--preset", "debug", "--mae", "nowhere"], "nowhere"),
         (["evaluate-agent", "nowhere"], "nowhere"),
+        (["benchmark", "--out", "x", "--systems", "langwm,hal"], "--systems: 'hal' is unknown; allowed: "),
+        (["benchmark", "--out", "x", "--seeds", "4-0"], "--seeds '4-0' is not of the form 0-4, 7 or 0-2,5"),
+        (["benchmark", "--out", "x", "--engine", "spark"], "--engine 'spark' is unknown; allowed: local"),
+        (["benchmark", "--out", "x", "--workers", "0"], "--workers 0 is not allowed; allowed: 1 or more"),
+        (["benchmark", "--out", "x", "--set", "seed=3"], "--set seed=3 is not for a grid; give --seeds"),
+        (["benchmark", "--out", "x", "--mae", "hal=x"], "--mae 'hal=x' is not of the form RUN or SYSTEM=RUN"),
+        (["benchmark", "--out", "x", "--against", "hal"], "--against 'hal' is unknown; allowed: "),
+        (["benchmark", "--out", "x", "--tables"], "'x' holds no grid"),
         (["demo", "--preset", "huge"], "--preset 'huge' is unknown"),
     ],
 )
@@ -67,6 +75,7 @@ def test_wrong_requests_are_one_sentence(arguments, message, capsys, tmp_path, m
     [
         ["render-dataset", "--preset", "debug"],
         ["train-agent", "--preset", "debug", "--features", "finetuned"],
+        ["benchmark", "--preset", "debug", "--systems", "random"],
         ["demo", "--preset", "debug"],
     ],
 )
@@ -81,6 +90,23 @@ def test_a_plan_says_what_it_will_take_and_does_nothing(capsys, tmp_path, monkey
     small = ["--frames", "3", "--set", "camera.height=24", "--set", "camera.width=30"]
     assert cli.run(["render-dataset", "--out", "x", "--plan", "--shards", "0", *small]) == 0
     assert capsys.readouterr().out.splitlines()[0] == "frames  3 in 1 shards, of 1 floors"
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_benchmark_with_failed_cells_ends_with_1_and_their_names(capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr("agent.benchmark.run.run_benchmark", lambda *a, **k: ["langwm/seed-0: no luck"])
+    assert cli.run(["benchmark", "--out", str(tmp_path / "x")]) == 1
+    out, err = capsys.readouterr()
+    assert out.startswith("report at ")
+    assert err == "langwm: 1 cells failed; the same command tries them again: langwm/seed-0: no luck\n"
+    monkeypatch.setattr("agent.benchmark.run.run_benchmark", lambda *a, **k: [])
+    assert cli.run(["benchmark", "--out", str(tmp_path / "x")]) == 0
+
+
+def test_a_plan_of_a_benchmark_does_nothing(capsys, tmp_path):
+    arguments = ["benchmark", "--out", str(tmp_path / "x"), "--systems", "random", "--plan"]
+    assert cli.run([*arguments, "--preset", "debug", "--seeds", "0-4"]) == 0
+    assert capsys.readouterr().out.startswith("cells   1: 0 are done, 0 are to be trained")
     assert not list(tmp_path.iterdir())
 
 

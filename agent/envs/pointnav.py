@@ -151,6 +151,16 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
         )
         return self._observe(), reward, terminated, truncated, self._info()
 
+    @property
+    def field(self) -> DistanceField:
+        """Ways to the goal of the running episode: what no policy sees but one that is told."""
+        return self._field
+
+    @property
+    def robot(self) -> RobotState:
+        """Where the robot is, and how it moved last."""
+        return self._state
+
     def render(self) -> np.ndarray | None:
         """The current view, (H, W, 3) uint8; None without a render mode."""
         return self._frame.rgb if self.render_mode == "rgb_array" else None

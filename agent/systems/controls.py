@@ -3,9 +3,12 @@
 import math
 from collections.abc import Mapping
 
+import gymnasium
 import numpy as np
 
 from agent.rollout import Policy
+from agent.systems.oracle import make_oracle
+from langwm_data.config_io import ConfigError
 from langwm_data.seeding import make_rng
 
 TURN_ABOVE_RAD = math.radians(15)
@@ -43,4 +46,20 @@ CONTROLS: Mapping[str, Policy] = {
     "straight-ahead": straight_ahead,
     "turn-to-goal": turn_to_goal,
 }
-"""The controls under the names they have in tables."""
+"""Controls that see what an agent sees, under the names they have in tables."""
+ORACLE = "oracle"
+CONTROL_NAMES = (*CONTROLS, ORACLE)
+"""All controls, the one that is told the way included."""
+
+
+def make_control(name: str, env: gymnasium.Env) -> Policy:
+    """The control of that name, to be played in ``env`` alone.
+
+    Raises:
+        ConfigError: If there is no such control.
+    """
+    if name == ORACLE:
+        return make_oracle(env)
+    if name not in CONTROLS:
+        raise ConfigError(f"control {name!r} is unknown; allowed: {', '.join(CONTROL_NAMES)}")
+    return CONTROLS[name]

@@ -11,10 +11,10 @@ def load(name):
 
 
 def test_presets_are_these():
-    assert preset_names("agent") == ["debug", "paper", "tiny"]
+    assert preset_names("agent") == ["debug", "grid", "paper", "tiny"]
 
 
-@pytest.mark.parametrize("name", ["debug", "paper", "tiny"])
+@pytest.mark.parametrize("name", ["debug", "grid", "paper", "tiny"])
 def test_preset_loads(name):
     assert load(name).system == "langwm"
 
@@ -45,6 +45,17 @@ def test_paper_preset_is_the_default_but_for_the_literal_reward_loss():
 def test_tiny_keeps_the_papers_latents():
     rssm = load("tiny").world_model.rssm
     assert (rssm.num_latents, rssm.num_classes) == (32, 32)
+
+
+def test_grid_learns_near_goals_and_is_scored_on_far_ones_too():
+    config = load("grid")
+    env, mae = config.env, config.finetune.model
+    assert (env.camera.height, env.camera.width) == (mae.height, mae.width) == (64, 80)
+    assert (env.distance_edges_m, env.drawn_tiers) == ((1.0, 3.0, 6.0), 1)
+    assert (config.steps, config.eval_episodes) == (10_000, 200)
+    farthest_m, metres_per_step = env.distance_edges_m[-1], env.max_linear_m_s * env.step_s
+    assert env.max_steps > 1.5 * farthest_m / metres_per_step
+    assert config.steps % config.checkpoint_every == 0
 
 
 def test_schedule_that_needs_a_last_step_is_refused():

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from agent.statistics import hierarchical_bootstrap_interval, wilson_interval
+from agent.statistics import hierarchical_bootstrap_interval, shared_episodes_interval, wilson_interval
 from pretrain.statistics import bootstrap_interval
 
 
@@ -54,3 +54,52 @@ def test_missing_values_are_refused():
         hierarchical_bootstrap_interval([np.ones(2), empty], rng)
     with pytest.raises(ValueError, match="0 seeds"):
         hierarchical_bootstrap_interval([], rng)
+
+
+def test_hierarchical_interval_agrees_with_drawing_one_by_one():
+    rng = np.random.default_rng(0)
+    groups = [rng.normal(shift, 1, size) for shift, size in ((0.0, 40), (0.4, 60), (1.0, 50))]
+    ours = hierarchical_bootstrap_interval(groups, np.random.default_rng(1), resamples=20_000)
+    means = [
+        np.mean([rng.choice(groups[s], len(groups[s])).mean() for s in rng.integers(3, size=3)])
+        for _ in range(20_000)
+    ]
+    assert (ours.low, ours.high) == pytest.approx(np.quantile(means, [0.025, 0.975]), abs=0.02)
+    assert ours.mean == pytest.approx(np.mean([group.mean() for group in groups]))
+
+
+def test_shared_episodes_agree_with_scipys_paired_bootstrap():
+    rng = np.random.default_rng(0)
+    hard = rng.normal(size=80)
+    first, second = hard + rng.normal(0.2, 0.3, 80), hard + rng.normal(0, 0.3, 80)
+    theirs = stats.bootstrap(
+        (first, second),
+        lambda a, b, axis: (a - b).mean(axis=axis),
+        paired=True,
+        method="percentile",
+        rng=rng,
+    ).confidence_interval
+    ours = shared_episodes_interval(first[None], second[None], np.random.default_rng(1), resamples=20_000)
+    assert (ours.low, ours.high) == pytest.approx(tuple(theirs), abs=0.01)
+    assert ours.mean == pytest.approx(first.mean() - second.mean())
+    apart = shared_episodes_interval(first[None], np.roll(second, 1)[None], np.random.default_rng(1))
+    assert apart.high - apart.low > 2 * (ours.high - ours.low)
+
+
+def test_shared_episodes_agree_with_drawing_seeds_and_episodes_one_by_one():
+    rng = np.random.default_rng(0)
+    first, second = rng.normal([[0], [0.5], [1], [1.5]], size=(4, 30)), rng.normal(size=(2, 30))
+    differences = []
+    for _ in range(20_000):
+        episodes, seeds = rng.integers(30, size=30), (rng.integers(4, size=4), rng.integers(2, size=2))
+        differences.append(first[seeds[0]][:, episodes].mean() - second[seeds[1]][:, episodes].mean())
+    ours = shared_episodes_interval(first, second, np.random.default_rng(1), resamples=20_000)
+    assert (ours.low, ours.high) == pytest.approx(np.quantile(differences, [0.025, 0.975]), abs=0.03)
+
+
+def test_different_or_missing_episodes_cannot_be_compared():
+    rng = np.random.default_rng(0)
+    with pytest.raises(ValueError, match="3 and 4 episodes; a paired comparison needs the same of both"):
+        shared_episodes_interval(np.zeros((1, 3)), np.zeros((1, 4)), rng)
+    with pytest.raises(ValueError, match="0 values"):
+        shared_episodes_interval(np.zeros((0, 3)), np.zeros((1, 3)), rng)

@@ -226,6 +226,17 @@ def test_a_task_that_is_lost_every_time_is_reported(cluster, tmp_path):
         pool.run(["die always"], int)
 
 
+@needs_ray
+def test_where_somebody_hears_of_lost_tasks_ray_does_the_others(cluster, tmp_path):
+    (tmp_path / "died").touch()
+    reported, lost = [], []
+    with RayPool(Fragile(tmp_path), tasks_per_worker=1) as pool:
+        pool.run(["die always", 2], reported.append, lambda *a: lost.append(a))
+    assert reported == [2]
+    assert [task for task, _ in lost] == ["die always"]
+    assert "the Ray cluster lost die always 4 times" in lost[0][1]
+
+
 def test_a_dataset_of_ranges_has_no_manifest_before_the_last_one(tmp_path):
     render_range(CONFIG, tmp_path / "out", range(3))
     assert not (tmp_path / "out" / MANIFEST_FILE).exists()

@@ -55,6 +55,52 @@ def test_a_killed_worker_is_reported():
         pool.run(["die"], int)
 
 
+@pytest.mark.parametrize("num_workers", [1, 2])
+def test_where_somebody_hears_of_lost_tasks_the_others_go_on(num_workers):
+    reported, lost = [], []
+    with WorkerPool(Squarer, num_workers, is_separate=True) as pool:
+        pool.run([1, "die", 2, "die", 3], reported.append, lambda *a: lost.append(a))
+        pool.run([4], reported.append)
+    assert sorted(reported) == [1, 4, 9, 16]
+    assert [task for task, _ in lost] == ["die", "die"]
+    assert all("killed by SIGKILL" in sentence for _, sentence in lost)
+
+
+def test_a_single_worker_may_have_a_process_of_its_own():
+    reported = []
+    with WorkerPool(Counter, 1, is_separate=True) as pool:
+        pool.run([1], reported.append)
+    assert reported[0] // 100 != os.getpid()
+
+
+class Saver:
+    """A worker that, told to stop, reports once more and then saves; the task is where."""
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def __call__(self, task, report):
+        asked = []
+        signal.signal(signal.SIGTERM, lambda *_: asked.append(True))
+        while not asked:
+            time.sleep(0.01)
+            report(0)
+        report(1)
+        task.write_text("saved")
+
+
+def test_workers_that_are_told_to_stop_may_save_what_they_have(tmp_path):
+    def interrupt(count):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), WorkerPool(Saver, 1, is_separate=True, join_s=30) as pool:
+        pool.run([tmp_path / "state"], interrupt)
+    assert (tmp_path / "state").read_text() == "saved"
+
+
 class Counter:
     """A worker that reports which process it is in, and how many tasks it has done itself."""
 

@@ -49,6 +49,23 @@ def test_a_tier_bounds_the_distance(site):
         assert e.tier == tier
 
 
+def test_drawn_episodes_may_keep_to_the_nearest_tiers(site):
+    rng = np.random.default_rng(4)
+    near = dataclasses.replace(CONFIG, drawn_tiers=2)
+    drawn = [sample_episode(rng, site, near) for _ in range(20)]
+    assert {e.tier for e in drawn} == {0, 1}
+    assert all(e.geodesic_distance < 3.0 for e in drawn)
+    assert sample_episode(rng, site, near, tier=2).tier == 2
+
+
+def test_more_tiers_than_there_are_cannot_be_drawn_from():
+    assert build_config(EnvConfig, {"drawn_tiers": 3}).drawn_tiers == 3
+    with pytest.raises(
+        ConfigError, match=r"env\.drawn_tiers 4 is not allowed: env\.distance_edges_m has 3 tiers"
+    ):
+        build_config(EnvConfig, {"drawn_tiers": 4})
+
+
 def test_both_rooms_are_visited(site):
     rng = np.random.default_rng(3)
     episodes = [sample_episode(rng, site, CONFIG) for _ in range(30)]
@@ -89,10 +106,35 @@ def test_wrong_episode_files_are_refused(fixed):
         Episode.from_dict({k: v for k, v in values.items() if k != "goal_xy"})
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"start_yaw": math.nan},
+        {"goal_xy": (1.0, math.inf)},
+        {"tier": -1},
+        {"start_xy": (1.0,)},
+        {"palette_seed": -1},
+    ],
+)
+def test_impossible_episodes_are_refused(fixed, change):
+    with pytest.raises(ValueError, match=f"not an episode: {next(iter(change))}"):
+        Episode.from_dict(fixed[0].to_dict() | change)
+
+
+def test_a_tier_that_a_scene_is_too_small_for_is_left_out(small_scene, caplog):
+    config = dataclasses.replace(CONFIG, distance_edges_m=(1.0, 2.0, 3.0, 30.0, 40.0))
+    episodes = fixed_episodes(config, "test", 8, [small_scene])
+    assert [e.tier for e in episodes] == [0, 1, 2, 0, 1, 2, 0, 1]
+    assert fixed_episodes(config, "test", 5, [small_scene]) == episodes[:5]
+    assert "no start and goal 30 to 40 m apart; its other distances take turns" in caplog.text
+
+
 def test_a_scene_too_small_for_the_distance_is_named(site):
     far = dataclasses.replace(CONFIG, distance_edges_m=(30.0, 40.0))
     with pytest.raises(ValueError, match="'Alder_0': found no start and goal 30 to 40 m apart"):
         sample_episode(np.random.default_rng(0), site, far)
+    with pytest.raises(ValueError, match="found no start and goal 30 to 40 m apart"):
+        fixed_episodes(far, "test", 1, [site.scene])
 
 
 @pytest.mark.parametrize("edges", [[1.0], [3.0, 1.0], [0.0, 2.0]])

@@ -1,0 +1,73 @@
+"""What a grid will take: cells, steps, disk, and time as far as cells in its folder tell.
+
+Owns the estimate. Nothing is run for it: how fast a learner learns here is only known from one that has.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from agent.benchmark.cells import SPLITS, episodes_on, units_of
+from agent.benchmark.grid import Cell, GridConfig, base_config, cell_config, cells_of
+from agent.benchmark.record import Record, read_record
+from agent.benchmark.run import check_grid
+from agent.config import AgentConfig
+from langwm_data.baking import open_scenes
+from langwm_data.shards.summary import format_size
+
+BYTES_PER_PIXEL = 5
+"""Of a frame in the replay buffer: three of colour, two of depth."""
+
+
+def plan_benchmark(grid: GridConfig, out: Path, *, workers: int = 1) -> str:
+    """A few lines: what there is to do, its size on disk, and how long it takes.
+
+    Raises:
+        ConfigError: As the grid itself would.
+    """
+    check_grid(grid, out, fresh=False)
+    cells = cells_of(grid)
+    records = {cell: read_record(out, cell) for cell in cells}
+    todo = [cell for cell in cells if records[cell].state != "done"]
+    learners = [cell for cell in todo if not cell.is_control]
+    base = base_config(grid)
+    lines = [
+        f"cells   {len(cells)}: {len(cells) - len(todo)} are done, {len(learners)} are to be trained",
+        f"steps   {sum(cell_config(grid, c).steps for c in learners):,} of environments,"
+        f" {sum(_updates(cell_config(grid, c)) for c in learners):,} updates",
+        f"scoring {_episodes(base):,} episodes a cell:"
+        f" {' and '.join(f'{episodes_on(base, split)} on each {split} floor' for split in SPLITS)}",
+        f"disk    {format_size(sum(_replay_bytes(cell_config(grid, c)) for c in learners))} of replay",
+        f"time    {_time(grid, todo, records, workers)}",
+    ]
+    return "\n".join(lines)
+
+
+def _updates(config: AgentConfig) -> int:
+    return max(0, config.steps - config.prefill_steps) // config.update_every
+
+
+def _episodes(config: AgentConfig) -> int:
+    library = open_scenes(config.env.scenes)
+    return sum(episodes_on(config, split) * len(library.names(split)) for split in SPLITS)
+
+
+def _replay_bytes(config: AgentConfig) -> int:
+    """At most: without objects, which take little."""
+    camera, steps = config.env.camera, min(config.steps, config.replay.capacity_steps)
+    return steps * camera.height * camera.width * BYTES_PER_PIXEL
+
+
+def _time(grid: GridConfig, todo: Sequence[Cell], records: dict[Cell, Record], workers: int) -> str:
+    """From the seconds that done cells took for each of their units; a system's own where there are any."""
+    rates: dict[str, float] = {}
+    for cell, record in records.items():
+        if record.state == "done":
+            rates[cell.system] = sum(record.seconds.values()) / units_of(grid, cell)
+    learned = [rate for system, rate in rates.items() if not Cell(system, 0).is_control]
+    if not learned and any(not cell.is_control for cell in todo):
+        return "not known before a first cell is done: give one with --systems and --seeds, then ask again"
+    typical = sum(learned) / len(learned) if learned else 0.0
+    seconds = sum(units_of(grid, cell) * rates.get(cell.system, typical) for cell in todo)
+    others = len({cell.system for cell in todo} - set(rates))
+    guess = f"; {others} systems without a done cell are taken as the mean of the others" if others else ""
+    return f"{seconds / workers / 3600:.1f} h with {workers} cells at a time{guess}"

@@ -1,0 +1,121 @@
+"""Videos of episodes and maps of all ways driven on a floor, for whoever wants to see what numbers hide."""
+
+import contextlib
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from agent.envs.episode_file import EpisodeSet
+from agent.envs.episodes import Episode
+from agent.envs.pointnav import PointNavEnv
+from agent.envs.sites import load_scene
+from agent.figures import Walk
+from agent.floorplans import FloorPicture, Picture
+from agent.players import Player
+from agent.rollout import Policy
+from agent.rows import Row
+from langwm_data import atomic
+from langwm_data.png import encode_png
+
+VIDEO_FOLDER = "videos"
+MAP_FOLDER = "maps"
+HEIGHT_PX = 288
+MAP_HEIGHT_PX = 640
+WALKS_PER_MAP = 24
+LAST_FRAME_REPEATS = 10
+
+
+def film(player: Player, episodes: EpisodeSet, count: int) -> list[Path]:
+    """Play some episodes again and write an MP4 of each: the robot's view beside the map.
+
+    The episodes are spread over floors and distances; playing them again gives what was scored.
+    """
+    chosen = [episodes.episodes[i] for i in _spread(len(episodes.episodes), count)]
+    written = []
+    for episode in chosen:
+        path = player.out / VIDEO_FOLDER / f"{episodes.split}-{episode.scene}-{episode.palette_seed}.mp4"
+        scene = load_scene(episode.scene, player.env)
+        with contextlib.closing(PointNavEnv(player.env, episodes.split, scenes=[scene])) as env:
+            frames = list(_frames(env, player.make_policy(env), episode))
+        write_video(path, frames, float(env.metadata["render_fps"]))
+        written.append(path)
+    return written
+
+
+def write_maps(player: Player, episodes: EpisodeSet, rows: Sequence[Row]) -> list[Path]:
+    """Write a PNG of every floor with the first ways that were driven on it."""
+    written = []
+    for name in episodes.scenes:
+        walks = [walk_of(row) for row in rows if row["scene"] == name][:WALKS_PER_MAP]
+        if walks:
+            plan = FloorPicture(load_scene(name, player.env), MAP_HEIGHT_PX)
+            path = player.out / MAP_FOLDER / f"{episodes.split}-{name}.png"
+            atomic.write_bytes(path, encode_png(plan.draw(walks, player.env.success_radius_m)))
+            written.append(path)
+    return written
+
+
+def walk_of(row: Row) -> Walk:
+    """The way of an episode."""
+    positions = np.array(row["trajectory"])[:, :2]
+    return Walk(positions=positions, goal=(row["goal"][0], row["goal"][1]), is_success=row["success"])
+
+
+def write_video(path: Path, frames: Sequence[Picture], frames_per_s: float) -> None:
+    """Write frames of one size as MP4.
+
+    Raises:
+        OSError: If this build of OpenCV writes no such video.
+    """
+    height, width = (side - side % 2 for side in frames[0].shape[:2])
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / "video.mp4"
+        codec = cv2.VideoWriter.fourcc(*"mp4v")
+        writer = cv2.VideoWriter(str(place), codec, frames_per_s, (width, height))
+        if not writer.isOpened():
+            raise OSError("OpenCV cannot write MP4 here; install opencv-python-headless from PyPI")
+        for frame in frames:
+            writer.write(np.ascontiguousarray(frame[:height, :width, ::-1]))
+        writer.release()
+        atomic.write_bytes(path, place.read_bytes())
+
+
+def _frames(env: PointNavEnv, policy: Policy, episode: Episode) -> Iterator[Picture]:
+    obs, info = env.reset(options={"episode": episode})
+    plan = FloorPicture(load_scene(episode.scene, env.config), HEIGHT_PX)
+    best, poses, state, is_over = env.field.path(episode.start_xy), [info["pose"]], None, False
+    frame = _compose(plan, obs, poses, info, best, env.config.success_radius_m)
+    while not is_over:
+        yield frame
+        action, state = policy(obs, state)
+        obs, _, terminated, truncated, info = env.step(action)
+        poses.append(info["pose"])
+        is_over = terminated or truncated
+        frame = _compose(plan, obs, poses, info, best, env.config.success_radius_m)
+    yield from [frame] * LAST_FRAME_REPEATS
+
+
+def _compose(
+    plan: FloorPicture,
+    obs: Mapping[str, np.ndarray],
+    poses: Sequence[np.ndarray],
+    info: Mapping[str, Any],
+    best: np.ndarray,
+    radius_m: float,
+) -> Picture:
+    rgb = obs["rgb"]
+    width = round(HEIGHT_PX * rgb.shape[1] / rgb.shape[0])
+    view = cv2.resize(rgb, (width, HEIGHT_PX), interpolation=cv2.INTER_NEAREST)
+    goal = (float(info["goal"][0]), float(info["goal"][1]))
+    walk = Walk(positions=np.stack(poses)[:, :2], goal=goal, is_success=bool(info["success"]))
+    return np.concatenate([view, plan.draw([walk], radius_m, best)], axis=1)
+
+
+def _spread(num: int, count: int) -> list[int]:
+    """``count`` of ``num`` things, evenly and from all tiers, which take turns."""
+    count = min(num, count)
+    return sorted({min(num - 1, (i * num) // count + i % 3) for i in range(count)})

@@ -1,0 +1,175 @@
+"""Who plays the fixed episodes, and the worker that does so, an episode a task."""
+
+import contextlib
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import torch
+
+from agent.config import EnvConfig, EpisodeRandomizeConfig
+from agent.envs.episodes import EPISODES_VERSION, Episode
+from agent.envs.pointnav import PointNavEnv
+from agent.envs.sites import load_scene
+from agent.rollout import Policy, run_episode
+from agent.rows import Journal, checksum, make_row, task_of
+from agent.systems.agent import CONFIG_FILE, WEIGHTS_FILE, Agent
+from agent.systems.controls import make_control
+from langwm_data.config import CameraConfig, LabelsConfig, RenderConfig, ScenesConfig
+from langwm_data.config_io import config_to_yaml
+from langwm_data.scenes.spec import Split
+from langwm_data.workers import Report, Worker
+from pretrain.model_file import MODEL_FOLDER
+
+
+@dataclass(frozen=True, kw_only=True)
+class Player:
+    """A system to be scored: a trained agent, a policy of the caller's, or a control."""
+
+    system: str
+    env: EnvConfig
+    """What it sees and drives in."""
+    out: Path
+    """Folder of the evaluation that its rows belong to."""
+    run: Path | None = None
+    """Folder of a trained agent."""
+    policy: Policy | None = None
+    """The caller's own."""
+    device: str = "cpu"
+    identity: str
+    """Checksum of all that its rows depend on beside the episode."""
+
+    def make_policy(self, env: gymnasium.Env) -> Policy:
+        """Its policy, for ``env``."""
+        if self.policy is not None:
+            return self.policy
+        return make_control(self.system, env) if self.run is None else self._trained()
+
+    def _trained(self) -> Policy:
+        assert self.run is not None
+        return Agent.from_pretrained(self.run, self.device).act
+
+
+@dataclass(frozen=True)
+class Turn:
+    """One task: who plays which episode."""
+
+    player: int
+    number: int
+    """Of the episode on its floor."""
+    episode: Episode
+
+    def __str__(self) -> str:
+        return f"episode {self.number} on {self.episode.scene}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlayerWorker:
+    """Makes the worker of a process that plays episodes; picklable unless a policy is not.
+
+    PyTorch computes in one thread, so that results are the same for any number of workers. One floor is
+    loaded at a time.
+    """
+
+    players: tuple[Player, ...]
+    split: Split
+
+    @contextlib.contextmanager
+    def __call__(self) -> Iterator[Worker]:
+        """The worker, as a pool wants it."""
+        threads = torch.get_num_threads()
+        torch.set_num_threads(1)
+        stage = _Stage(self.players, self.split)
+        try:
+            yield stage.play
+        finally:
+            stage.close()
+            torch.set_num_threads(threads)
+
+
+class _Stage:
+    """The environment and the policy that are loaded now."""
+
+    def __init__(self, players: tuple[Player, ...], split: Split) -> None:
+        self._players = players
+        self._split: Split = split
+        self._journals = {player.out: Journal(player.out) for player in players}
+        self._loaded: tuple[int, str] | None = None
+        self._env: PointNavEnv | None = None
+        self._policies: dict[int, Policy] = {}
+
+    def play(self, turn: Turn, report: Report) -> None:
+        """Play an episode and write down its row."""
+        player = self._players[turn.player]
+        env, policy = self._load(turn.player, turn.episode.scene)
+        record = run_episode(env, policy, episode=turn.episode)
+        row = make_row(
+            record,
+            system=player.system,
+            split=self._split,
+            episode=turn.number,
+            task=task_of(turn.episode),
+            player=player.identity,
+        )
+        self._journals[player.out].append(row)
+        report(1)
+
+    def _load(self, number: int, scene: str) -> tuple[PointNavEnv, Policy]:
+        player = self._players[number]
+        if self._loaded != (number, scene) or self._env is None:
+            self.close()
+            self._env = PointNavEnv(player.env, self._split, scenes=[load_scene(scene, player.env)])
+            self._loaded = number, scene
+            if player.run is None or number not in self._policies:
+                self._policies = {number: player.make_policy(self._env)}
+        return self._env, self._policies[number]
+
+    def close(self) -> None:
+        """Free the environment."""
+        if self._env is not None:
+            self._env.close()
+            self._env = None
+
+
+def trained_player(run: Path, env: EnvConfig, out: Path, device: str) -> Player:
+    """The agent of a run.
+
+    Raises:
+        ValueError: If there is none.
+    """
+    agent = Agent.from_pretrained(run)
+    folder = run / MODEL_FOLDER if (run / MODEL_FOLDER / CONFIG_FILE).is_file() else run
+    digest = hashlib.sha256((folder / CONFIG_FILE).read_bytes())
+    with (folder / WEIGHTS_FILE).open("rb") as file:
+        while block := file.read(2**20):
+            digest.update(block)
+    identity = checksum(digest.hexdigest(), device, world_of(env), config_to_yaml(_looks(env)))
+    return Player(system=agent.system, env=env, out=out, run=run, device=device, identity=identity)
+
+
+def control_player(name: str, env: EnvConfig, out: Path) -> Player:
+    """A control; it looks at nothing, so nothing is rendered for it."""
+    blind = replace(env, is_blind=True, with_labels=False)
+    return Player(system=name, env=blind, out=out, identity=checksum(name, world_of(env)))
+
+
+def world_of(env: EnvConfig) -> str:
+    """All of an environment that a blind player's rows depend on, as text; scenes are in the episodes."""
+    seen: dict[str, Any] = {
+        "camera": CameraConfig(),
+        "render": RenderConfig(),
+        "labels": LabelsConfig(),
+        "randomize": EpisodeRandomizeConfig(),
+        "with_labels": False,
+        "is_blind": False,
+        "scenes": replace(env.scenes, baked=None),
+        "seed_eval": 0,
+    }
+    return f"{EPISODES_VERSION}\n{config_to_yaml(replace(env, **seen))}"
+
+
+def _looks(env: EnvConfig) -> EnvConfig:
+    return replace(env, scenes=ScenesConfig(), with_labels=False)

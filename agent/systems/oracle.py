@@ -1,0 +1,76 @@
+"""A control that is told the way: it follows the geodesic field of the environment to the goal.
+
+What it reaches is what the task allows: an upper bound for every system that has only its camera.
+"""
+
+import math
+from collections.abc import Mapping
+
+import gymnasium
+import numpy as np
+from jaxtyping import Float64
+from numpy.typing import NDArray
+
+from agent.envs.pointnav import PointNavEnv
+from agent.rollout import Policy
+from langwm_data.scenes.navigation import FreeSpace
+
+LOOK_AHEAD_M = 1.5
+"""It aims at the farthest point of the way within this distance that it can drive to straight."""
+NEAREST_M = 0.1
+"""Nearer points of the way count as passed: two steps on, it would have to turn back to them."""
+SAMPLE_M = 0.02
+"""Distance of the points at which a straight drive is looked at."""
+TURN_ABOVE_RAD = math.radians(20)
+"""Beyond this bearing it turns on the spot."""
+
+
+def make_oracle(env: gymnasium.Env) -> Policy:
+    """A policy for ``env`` alone, which it looks into at every step; its actions are those of ``env``.
+
+    Args:
+        env: ``PointNavEnv`` or a wrapper around it.
+
+    Raises:
+        ValueError: If it is another environment, which knows no ways.
+    """
+    world = env.unwrapped
+    if not isinstance(world, PointNavEnv):
+        raise ValueError(
+            f"the oracle needs PointNavEnv, which knows the way; {type(world).__name__} does not"
+        )
+
+    def act(obs: Mapping[str, np.ndarray], state: None) -> tuple[np.ndarray, None]:
+        place = np.array(world.robot.xy)
+        target = _aim(world, place)
+        towards = math.atan2(*(target - place)[::-1])
+        bearing = math.remainder(towards - world.robot.yaw, 2 * math.pi)
+        turn = bearing / (world.config.max_angular_rad_s * world.config.step_s)
+        speed = 0.0 if abs(bearing) > TURN_ABOVE_RAD else 1.0
+        return np.clip([speed, turn], -1, 1).astype(np.float32), None
+
+    return act
+
+
+def _aim(world: PointNavEnv, place: Float64[np.ndarray, " 2"]) -> Float64[np.ndarray, " 2"]:
+    """The farthest point of the shortest way that can be driven to straight from ``place``."""
+    try:
+        way = world.field.path(place)
+    except ValueError:  # squeezed in where no free cell is near
+        return np.array(world.episode.goal_xy)
+    far = [corner for corner in way[1:] if math.dist(corner, place) >= NEAREST_M] or [way[-1]]
+    best = far[0]
+    for corner in far[1:]:
+        if math.dist(corner, place) > LOOK_AHEAD_M or not _is_clear(world.field.space, place, corner):
+            break
+        best = corner
+    return best
+
+
+def _is_clear(space: FreeSpace, start: NDArray[np.float64], end: NDArray[np.float64]) -> bool:
+    """Whether the cells along a straight line are free, the one it begins in left out."""
+    count = max(2, math.ceil(math.dist(start, end) / SAMPLE_M))
+    points = start + np.linspace(0, 1, count + 1)[1:, None] * (end - start)
+    cells = np.floor((points - space.origin) / space.resolution_m).astype(int)
+    cells = cells[(cells != space.cell(start)).any(axis=1)]
+    return bool(space.grid[tuple(cells.T)].all())
