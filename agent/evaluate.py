@@ -103,7 +103,7 @@ def evaluate_run(
     agent = Agent.from_pretrained(run)
     config = load_config_file(AgentConfig, run / CONFIG_FILE)
     return evaluate_agent(
-        agent.act,
+        agent,
         env=config.env,
         split=split,
         episodes_per_scene=episodes_per_scene or config.eval_episodes,
@@ -113,7 +113,7 @@ def evaluate_run(
 
 
 def evaluate_agent(
-    agent: Policy | Path | str,
+    agent: Agent | Policy | Path | str,
     *,
     env: EnvConfig | None = None,
     split: str = "test",
@@ -124,7 +124,7 @@ def evaluate_agent(
     """Score an agent beside the controls on the fixed episodes of a split.
 
     Args:
-        agent: A policy, or the folder of a trained agent.
+        agent: A trained agent, the folder of one, or a policy.
         env: What the episodes are drawn from; the trained agent's own environment when None.
         split: ``train`` or ``test`` floors.
         episodes_per_scene: The same episodes for every system, and the first ones of a longer list.
@@ -136,8 +136,8 @@ def evaluate_agent(
         ValueError: If the folder holds no trained agent.
     """
     if isinstance(agent, Path | str):
-        trained = Agent.from_pretrained(agent)
-        agent, env = trained.act, env or trained.env
+        agent = Agent.from_pretrained(agent)
+    policy, env = (agent.act, env or agent.env) if isinstance(agent, Agent) else (agent, env)
     config, known = env or EnvConfig(), _as_split(split)
     episodes = fixed_episodes(config, known, episodes_per_scene)
     rows, total = [], (1 + len(CONTROLS)) * len(episodes)
@@ -147,7 +147,8 @@ def evaluate_agent(
             progress(len(rows) + done, total)
 
     with contextlib.closing(PointNavEnv(config, known)) as world:
-        rows += play(AGENT, agent, world, episodes, split=split, tick=tick)
+        seen = agent.wrap_env(world) if isinstance(agent, Agent) else world
+        rows += play(AGENT, policy, seen, episodes, split=split, tick=tick)
     # The controls look at nothing, so nothing is rendered for them.
     with contextlib.closing(PointNavEnv(replace(config, is_blind=True), known)) as world:
         for name, control in CONTROLS.items():

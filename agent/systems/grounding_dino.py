@@ -100,7 +100,11 @@ class GroundingDino:
 def _level_means(
     states: Float[Tensor, "N D"], size: torch.Size, num_levels: int
 ) -> Float[Tensor, "levels D"]:
-    """Means of each level's places, of which the states are one list."""
+    """Means of each level's places, of which the states are one list.
+
+    Raises:
+        ConfigError: If the levels are others than Grounding DINO's.
+    """
     strides = [FIRST_STRIDE * 2**level for level in range(num_levels)]
     counts = [math.prod(math.ceil(edge / stride) for edge in size) for stride in strides]
     if sum(counts) != len(states):
@@ -124,11 +128,15 @@ def load_grounding_dino(name: str) -> tuple[Any, Any]:
     logging.set_verbosity_error()
     try:
         held, _ = GroundingDinoConfig.get_config_dict(name)
-        if held.get("model_type") != "grounding-dino":
-            raise ConfigError(f"grounding_dino.model {name!r} is of type {held.get('model_type')!r}")
+        if "model_type" not in held:
+            raise FileNotFoundError(name)
+        if held["model_type"] != "grounding-dino":
+            raise ConfigError(
+                f"grounding_dino.model {name!r} is no Grounding DINO but of type {held['model_type']!r}"
+            )
         tokenizer = BertTokenizer.from_pretrained(name)
         model = GroundingDinoForObjectDetection.from_pretrained(name, use_safetensors=True)
-    except (OSError, SafetensorError) as error:
+    except (OSError, RuntimeError, SafetensorError) as error:
         raise ConfigError(
             f"grounding_dino.model {name!r} cannot be loaded; give the name of a Grounding DINO that the"
             " Hugging Face hub or its local cache has, or a folder with config.json, model.safetensors and"

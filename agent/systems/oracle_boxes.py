@@ -21,15 +21,17 @@ KINDS: tuple[str, ...] = (*CATEGORIES, *FOREIGN_CATEGORIES)
 """Categories of objects, in the order of the taxonomy."""
 NUM_PLACES = 6
 """Entries of an object before its kind: is there one, box, distance."""
+FAR_M = 10.0
+"""Distances are shares of this and end there. Source: method notes, decision 5."""
 
 
 def describe_objects(
-    objects: Sequence[FrameObject], num_objects: int, *, height: int, width: int, far_m: float
+    objects: Sequence[FrameObject], num_objects: int, *, height: int, width: int
 ) -> Float32[np.ndarray, " V"]:
     """The nearest objects, nearest first, each in ``NUM_PLACES + len(KINDS)`` entries.
 
     0: 1, or 0 throughout where there is no such object. 1 to 4: left, top, right and bottom edge of its box
-    as shares of width and height. 5: its distance as a share of ``far_m``. From 6: 1 at the number of its
+    as shares of width and height. 5: its distance as a share of ``FAR_M``. From 6: 1 at the number of its
     kind in ``KINDS``, else 0; 0 throughout for a kind that stands in no table.
     """
     held = np.zeros((num_objects, NUM_PLACES + len(KINDS)), np.float32)
@@ -37,7 +39,7 @@ def describe_objects(
     for row, thing in zip(held, nearest, strict=False):
         row[0] = 1
         row[1:5] = np.array(thing.bbox_xyxy) / (width, height, width, height)
-        row[5] = min(thing.distance_m / far_m, 1.0)
+        row[5] = min(thing.distance_m / FAR_M, 1.0)
         if thing.category in KINDS:
             row[NUM_PLACES + KINDS.index(thing.category)] = 1
     return held.ravel()
@@ -49,7 +51,7 @@ def wrap_env(config: AgentConfig, env: gymnasium.Env) -> FeatureEnv:
     Raises:
         ConfigError: If ``env`` does not label objects; at the first reset.
     """
-    num_objects, far_m = config.oracle_boxes.num_objects, config.env.camera.far_m
+    num_objects = config.oracle_boxes.num_objects
 
     def describe(obs: Mapping[str, np.ndarray], info: Mapping[str, Any]) -> Float32[np.ndarray, " V"]:
         if "objects" not in info:
@@ -58,7 +60,7 @@ def wrap_env(config: AgentConfig, env: gymnasium.Env) -> FeatureEnv:
                 " not give; set env.with_labels=true"
             )
         height, width = obs["rgb"].shape[:2]
-        return describe_objects(info["objects"], num_objects, height=height, width=width, far_m=far_m)
+        return describe_objects(info["objects"], num_objects, height=height, width=width)
 
     return FeatureEnv(env, describe, num_objects * (NUM_PLACES + len(KINDS)))
 

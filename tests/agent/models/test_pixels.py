@@ -122,7 +122,9 @@ def test_a_fixed_batch_is_learned_by_heart():
         loss.backward()
         optimizer.step()
         history.append(metrics)
-    blank = 0.5 * (batch.target - batch.target.mean((0, 1, 3, 4), keepdim=True)).square().sum((2, 3, 4)).mean()
+    blank = (
+        0.5 * (batch.target - batch.target.mean((0, 1, 3, 4), keepdim=True)).square().sum((2, 3, 4)).mean()
+    )
     assert history[-1]["wm/image_loss"] < 0.2 * blank
     assert history[-1]["wm/task_loss"] < 0.1 * history[0]["wm/task_loss"]
     assert history[-1]["wm/reward_loss"] < 0.1 * history[0]["wm/reward_loss"]
@@ -142,9 +144,7 @@ def test_half_precision_gives_nearly_the_same_loss():
 def test_what_was_augmented_is_told_unchanged():
     model, batch = WorldModel(CONFIG, make_observation(), action_dim=2), make_batch()
     changed = dataclasses.replace(batch, visual=batch.visual.flip(-1))
-    plain, other = (
-        world_model_loss(model, b, torch.Generator().manual_seed(0))[1] for b in (batch, changed)
-    )
+    plain, other = (world_model_loss(model, b, torch.Generator().manual_seed(0))[1] for b in (batch, changed))
     blind = 0.5 * batch.target.square().sum((2, 3, 4)).mean().item()
     assert plain["wm/kl_loss"] != other["wm/kl_loss"]
     assert plain["wm/image_loss"] == pytest.approx(other["wm/image_loss"], rel=0.1)
