@@ -155,6 +155,17 @@ class MLPConfig:
 
 
 @config
+class PixelConfig:
+    """Convolutions over frames, where a system learns from pixels. Source: DreamerV2."""
+
+    channels: PositiveInt = 48
+    """Of the first convolution; each of the three that follow has twice as many as the one before."""
+    is_augmented: bool = False
+    """Whether the encoder sees frames changed as ``finetune.augment`` says, each sequence by a draw of its
+    own; the decoder tells the unchanged ones again. Source: method notes, decision 30."""
+
+
+@config
 class TaskConfig:
     """Encoder of the task observation and its mirror. Source: Sec. 4.1; method notes, decision 21."""
 
@@ -177,6 +188,10 @@ class LossScales:
     """Image tokens from the state. Source: Eq. 5; method notes, decision 17."""
     pool: NonNegative = 1.0
     """Image tokens from the embedding. Source: Table 3 (decoder input); decision 16."""
+    image: NonNegative = 1.0
+    """Pixels from the state, summed over the frame. Source: DreamerV2."""
+    vector: NonNegative = 1.0
+    """Vector that describes the frame from the state, summed over its entries. Source: DreamerV2."""
     task: NonNegative = 100.0
     """Task observation from the state. At 1 the KL term would pay more for these four numbers than
     their reconstruction returns; 100 keeps them to a tenth of their scale. Source: ours."""
@@ -191,6 +206,10 @@ class WorldModelConfig:
     """World model: pooling, memory, heads and how they are trained."""
 
     pooling: PoolingConfig = field(default_factory=PoolingConfig)
+    pixels: PixelConfig = field(default_factory=PixelConfig)
+    """Read by the systems dreamerv2 and dreamerv2-da."""
+    vector: MLPConfig = field(default_factory=MLPConfig)
+    """Encoder and decoder of dreamerv2-grounding-dino and dreamerv2-oracle-boxes. Source: DreamerV2."""
     rssm: RSSMConfig = field(default_factory=RSSMConfig)
     head: MLPConfig = field(default_factory=MLPConfig)
     """Reward and discount heads."""
@@ -317,7 +336,35 @@ class SACConfig:
             )
 
 
-SystemName = Literal["langwm", "curl", "rad"]
+@config
+class GroundingDinoConfig:
+    """The frozen detector of dreamerv2-grounding-dino. Source: ours (method notes, section 5)."""
+
+    model: Annotated[str, Field(min_length=1)] = "IDEA-Research/grounding-dino-tiny"
+    """A Grounding DINO on the Hugging Face hub, or a local folder of one."""
+    short_side_px: Annotated[int, Field(ge=32)] = 800
+    """Frames are enlarged so that their shorter side has this length. Source: Grounding DINO."""
+    num_objects: PositiveInt = 32
+    """So many of the surest detections are pooled."""
+
+
+@config
+class OracleBoxesConfig:
+    """What dreamerv2-oracle-boxes is told of a frame. Source: ours (method notes, section 5)."""
+
+    num_objects: PositiveInt = 8
+    """The nearest ones in sight."""
+
+
+SystemName = Literal[
+    "langwm",
+    "dreamerv2",
+    "dreamerv2-da",
+    "dreamerv2-grounding-dino",
+    "dreamerv2-oracle-boxes",
+    "curl",
+    "rad",
+]
 """Everything that ``train-agent --system`` knows; ``agent.systems.registry`` holds what each name means."""
 
 
@@ -345,6 +392,8 @@ class AgentConfig:
     world_model: WorldModelConfig = field(default_factory=WorldModelConfig)
     behavior: BehaviorConfig = field(default_factory=BehaviorConfig)
     optimizer: OptimizerConfig = field(default_factory=OptimizerConfig)
+    grounding_dino: GroundingDinoConfig = field(default_factory=GroundingDinoConfig)
+    oracle_boxes: OracleBoxesConfig = field(default_factory=OracleBoxesConfig)
     sac: SACConfig = field(default_factory=SACConfig)
     """Read by the systems curl and rad."""
     batch_size: PositiveInt = 16

@@ -4,9 +4,10 @@ import contextlib
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import cv2
+import gymnasium
 import numpy as np
 
 from agent.envs.episode_file import EpisodeSet
@@ -40,7 +41,7 @@ def film(player: Player, episodes: EpisodeSet, count: int) -> list[Path]:
         path = player.out / VIDEO_FOLDER / f"{episodes.split}-{episode.scene}-{episode.palette_seed}.mp4"
         scene = load_scene(episode.scene, player.env)
         with contextlib.closing(PointNavEnv(player.env, episodes.split, scenes=[scene])) as env:
-            frames = list(_frames(env, player.make_policy(env), episode))
+            frames = list(_frames(*player.enter(env), episode))
         write_video(path, frames, float(env.metadata["render_fps"]))
         written.append(path)
     return written
@@ -84,18 +85,22 @@ def write_video(path: Path, frames: Sequence[Picture], frames_per_s: float) -> N
         atomic.write_bytes(path, place.read_bytes())
 
 
-def _frames(env: PointNavEnv, policy: Policy, episode: Episode) -> Iterator[Picture]:
+def _frames(env: gymnasium.Env, policy: Policy, episode: Episode) -> Iterator[Picture]:
     obs, info = env.reset(options={"episode": episode})
-    plan = FloorPicture(load_scene(episode.scene, env.config), HEIGHT_PX)
-    best, poses, state, is_over = env.field.path(episode.start_xy), [info["pose"]], None, False
-    frame = _compose(plan, obs, poses, info, best, env.config.success_radius_m)
+    world = cast("PointNavEnv", env.unwrapped)
+    plan, radius_m = (
+        FloorPicture(load_scene(episode.scene, world.config), HEIGHT_PX),
+        world.config.success_radius_m,
+    )
+    best, poses, state, is_over = world.field.path(episode.start_xy), [info["pose"]], None, False
+    frame = _compose(plan, obs, poses, info, best, radius_m)
     while not is_over:
         yield frame
         action, state = policy(obs, state)
         obs, _, terminated, truncated, info = env.step(action)
         poses.append(info["pose"])
         is_over = terminated or truncated
-        frame = _compose(plan, obs, poses, info, best, env.config.success_radius_m)
+        frame = _compose(plan, obs, poses, info, best, radius_m)
     yield from [frame] * LAST_FRAME_REPEATS
 
 

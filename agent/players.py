@@ -42,15 +42,14 @@ class Player:
     identity: str
     """Checksum of all that its rows depend on beside the episode."""
 
-    def make_policy(self, env: gymnasium.Env) -> Policy:
-        """Its policy, for ``env``."""
+    def enter(self, env: gymnasium.Env) -> tuple[gymnasium.Env, Policy]:
+        """``env`` as it sees it, and its policy there."""
         if self.policy is not None:
-            return self.policy
-        return make_control(self.system, env) if self.run is None else self._trained()
-
-    def _trained(self) -> Policy:
-        assert self.run is not None
-        return Agent.from_pretrained(self.run, self.device).act
+            return env, self.policy
+        if self.run is None:
+            return env, make_control(self.system, env)
+        agent = Agent.from_pretrained(self.run, self.device)
+        return agent.wrap_env(env), agent.act
 
 
 @dataclass(frozen=True)
@@ -98,8 +97,8 @@ class _Stage:
         self._split: Split = split
         self._journals = {player.out: Journal(player.out) for player in players}
         self._loaded: tuple[int, str] | None = None
-        self._env: PointNavEnv | None = None
-        self._policies: dict[int, Policy] = {}
+        self._env: gymnasium.Env | None = None
+        self._policy: Policy
 
     def play(self, turn: Turn, report: Report) -> None:
         """Play an episode and write down its row."""
@@ -117,15 +116,14 @@ class _Stage:
         self._journals[player.out].append(row)
         report(1)
 
-    def _load(self, number: int, scene: str) -> tuple[PointNavEnv, Policy]:
+    def _load(self, number: int, scene: str) -> tuple[gymnasium.Env, Policy]:
         player = self._players[number]
         if self._loaded != (number, scene) or self._env is None:
             self.close()
-            self._env = PointNavEnv(player.env, self._split, scenes=[load_scene(scene, player.env)])
+            world = PointNavEnv(player.env, self._split, scenes=[load_scene(scene, player.env)])
+            self._env, self._policy = player.enter(world)
             self._loaded = number, scene
-            if player.run is None or number not in self._policies:
-                self._policies = {number: player.make_policy(self._env)}
-        return self._env, self._policies[number]
+        return self._env, self._policy
 
     def close(self) -> None:
         """Free the environment."""

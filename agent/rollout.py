@@ -196,4 +196,10 @@ class Collector:
             reward=np.array(self._rewards, dtype=np.float32),
             objects=self._objects if self._with_objects else None,
             is_terminal=is_terminal,
+            features=self._stack_features(),
         )
+
+    def _stack_features(self) -> dict[str, np.ndarray]:
+        if "features" not in self._observations[0]:
+            return {}
+        return {"features": np.stack([o["features"] for o in self._observations]).astype(np.float16)}

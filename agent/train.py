@@ -68,8 +68,10 @@ def train_agent(
     """
     usable_device(config.device)
     system = find_system(config.system)
-    env = env or PointNavEnv(replace(config.env, with_labels=system.needs_labels(config)))
+    with_labels = config.env.with_labels or system.needs_labels(config)
+    env = env or PointNavEnv(replace(config.env, with_labels=with_labels))
     try:
+        env = system.wrap_env(config, env)
         spaces = Spaces.of(env)
         model = system.create(config, spaces)
         _check_disk(config, system, spaces, out)
@@ -106,6 +108,7 @@ def _check_disk(config: AgentConfig, system: System, spaces: Spaces, out: Path) 
         spaces.task_dim + spaces.action_dim,
         with_depth=system.needs_depth(config),
         with_objects=system.needs_labels(config),
+        features=spaces.feature_dim,
     )
     # Episodes that left since the last checkpoint still have their files.
     steps = min(config.steps, config.replay.capacity_steps + config.checkpoint_every)

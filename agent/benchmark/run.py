@@ -122,9 +122,10 @@ def check_learners(grid: GridConfig) -> None:
             continue
         config = cell_config(grid, cell)
         usable_device(config.device)
+        system = find_system(cell.system)
         try:
-            with contextlib.closing(PointNavEnv(config.env)) as env:
-                find_system(cell.system).create(config, Spaces.of(env))
+            with contextlib.closing(system.wrap_env(config, PointNavEnv(config.env))) as env:
+                system.create(config, Spaces.of(env))
         except ValueError as error:
             raise ConfigError(f"{cell.system} cannot be trained so: {error}") from error
 

@@ -6,6 +6,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save
@@ -50,6 +51,14 @@ class Agent:
         """The environment it was trained in."""
         return self.config.env
 
+    def wrap_env(self, env: gymnasium.Env) -> gymnasium.Env:
+        """``env`` as this agent must see it: with ``features`` where its system computes some.
+
+        Raises:
+            ConfigError: If what computes them is out of reach.
+        """
+        return find_system(self.system).wrap_env(self.config, env)
+
     def initial_state(self, seed: int = 0) -> State:
         """The state before the first observation of an episode."""
         return self.model.initial_state(seed)
@@ -60,16 +69,21 @@ class Agent:
         """Choose the next action.
 
         Args:
-            obs: ``rgb`` and ``task`` of one step.
+            obs: ``rgb`` and ``task`` of one step, and ``features`` where ``wrap_env`` adds them.
             state: What the last call of this episode returned; None begins an episode.
             explore: Act as in training.
 
         Raises:
-            ValueError: If the frame is of another size than the agent was trained on.
+            ValueError: If the frame is of another size than in training, or ``features`` is missing.
         """
         shape, wanted = np.shape(obs["rgb"]), (self.spaces.height, self.spaces.width, 3)
         if shape != wanted:
             raise ValueError(f"obs['rgb'] has shape {shape}; this agent was trained on {wanted}")
+        if self.spaces.feature_dim and "features" not in obs:
+            raise ValueError(
+                f"obs has no 'features', which system {self.system!r} acts on; step what Agent.wrap_env"
+                " returns"
+            )
         return self.model.act(obs, self.initial_state() if state is None else state, explore=explore)
 
     def save_pretrained(self, folder: Path) -> None:

@@ -28,8 +28,10 @@ class Perception(nn.Module, ABC):
     def encode(self, obs: Mapping[str, Tensor]) -> Float[Tensor, "B ..."]:
         """What is seen in ``rgb`` (B, H, W, 3) uint8, and in whatever else a frame comes with."""
 
-    def augment(self, visual: Float[Tensor, "B ..."], generator: torch.Generator) -> Float[Tensor, "B ..."]:
-        """What the world model is given of it while it learns; it must still tell ``visual`` again."""
+    def augment(
+        self, visual: Float[Tensor, "B T ..."], generator: torch.Generator
+    ) -> Float[Tensor, "B T ..."]:
+        """What the world model is given of sequences while it learns; it must still tell ``visual`` again."""
         return visual
 
 

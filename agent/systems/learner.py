@@ -87,12 +87,12 @@ class DreamerLearner(Learner):
     ) -> tuple[Latent, Metrics]:
         model = self._model.world_model.train()
         with self._autocast():
-            perception, shape = self._model.perception, batch.reward.shape
-            target = perception.encode({"rgb": batch.rgb.flatten(0, 1)})
-            visual = perception.augment(target, generator)
+            perception, columns = self._model.perception, {"rgb": batch.rgb, **batch.features}
+            target = perception.encode({name: column.flatten(0, 1) for name, column in columns.items()})
+            target = target.unflatten(0, batch.reward.shape)
             seen = ModelBatch(
-                visual=visual.unflatten(0, shape),
-                target=target.unflatten(0, shape),
+                visual=perception.augment(target, generator),
+                target=target,
                 task=batch.task,
                 action=batch.action,
                 reward=batch.reward,

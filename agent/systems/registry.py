@@ -4,13 +4,21 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from agent.config import AgentConfig
-from agent.systems import langwm, sac
+from agent.systems import dreamerv2, grounding_dino, langwm, oracle_boxes, sac
 from agent.systems.system import System
 from langwm_data.config_io import ConfigError, build_config, load_preset, merge
 
 OVERLAYS = "presets/systems"
 
-SYSTEMS: Mapping[str, System] = {"langwm": langwm.SYSTEM, "curl": sac.SYSTEM, "rad": sac.SYSTEM}
+SYSTEMS: Mapping[str, System] = {
+    "langwm": langwm.SYSTEM,
+    "dreamerv2": dreamerv2.DREAMERV2,
+    "dreamerv2-da": dreamerv2.DREAMERV2_DA,
+    "dreamerv2-grounding-dino": grounding_dino.SYSTEM,
+    "dreamerv2-oracle-boxes": oracle_boxes.SYSTEM,
+    "curl": sac.SYSTEM,
+    "rad": sac.SYSTEM,
+}
 
 
 def find_system(name: str) -> System:

@@ -1,5 +1,6 @@
 """What the training loop, evaluation and files ask of a system, whatever it learns by."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -27,6 +28,8 @@ class Spaces:
     width: int
     task_dim: int
     action_dim: int
+    feature_dim: int = 0
+    """Entries of ``features``, which ``System.wrap_env`` adds where a system wants them; else 0."""
 
     @classmethod
     def of(cls, env: gymnasium.Env) -> "Spaces":
@@ -45,7 +48,8 @@ class Spaces:
         if not isinstance(action, gymnasium.spaces.Box) or len(action.shape) != 1:
             raise ConfigError(f"env has actions {action}; allowed: a Box with one axis")
         height, width, _ = shapes["rgb"]  # pyright: ignore[reportGeneralTypeIssues, reportOptionalIterable]
-        return cls(height, width, shapes["task"][0], action.shape[0])  # pyright: ignore[reportOptionalSubscript]
+        feature_dim = math.prod(entries["features"].shape or ()) if "features" in entries else 0
+        return cls(height, width, shapes["task"][0], action.shape[0], feature_dim)  # pyright: ignore[reportOptionalSubscript]
 
 
 def task_scale(config: AgentConfig, spaces: Spaces) -> tuple[float, ...]:
@@ -114,6 +118,14 @@ class Learner(ABC):
         """Read back ``state_dict``."""
 
 
+WrapEnv = Callable[[AgentConfig, gymnasium.Env], gymnasium.Env]
+
+
+def keep_env(config: AgentConfig, env: gymnasium.Env) -> gymnasium.Env:
+    """``env`` as it is."""
+    return env
+
+
 @dataclass(frozen=True, kw_only=True)
 class System:
     """One row of a table: how its model is made, how it learns, what it needs."""
@@ -125,6 +137,9 @@ class System:
     resolve: Callable[[AgentConfig, Model], AgentConfig] = lambda config, model: config
     """``config`` as ``restore`` needs it, with what a file that it names has said."""
     make_learner: Callable[[Model, AgentConfig], Learner]
+    wrap_env: WrapEnv = keep_env
+    """The environment as the model must see it, in training and whenever it acts. May add ``features``, a
+    vector that is computed once a step and kept in the replay. Raises ``ConfigError``."""
     needs_labels: Callable[[AgentConfig], bool] = lambda config: False
     """Whether the environment must label objects while it learns, and the replay keeps them."""
     needs_depth: Callable[[AgentConfig], bool] = lambda config: False
