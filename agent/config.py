@@ -251,7 +251,13 @@ class FinetuneConfig:
             )
 
 
-SystemName = Literal["langwm"]
+SystemName = Literal[
+    "langwm",
+    "langwm-empty-language",
+    "langwm-no-mask-empty-language",
+    "langwm-no-mask",
+    "mwm",
+]
 """Everything that ``train-agent --system`` knows; ``agent.systems.registry`` holds what each name means."""
 
 

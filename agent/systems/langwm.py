@@ -16,6 +16,7 @@ from agent.systems.dreamer import Dreamer, Perception, make_dreamer
 from agent.systems.features import TokenCache
 from agent.systems.finetune import Finetuner
 from agent.systems.learner import DreamerLearner
+from agent.systems.pretrained import load_mae
 from agent.systems.system import Learner, Model, Spaces, System
 from langwm_data.config_io import ConfigError
 from langwm_data.seeding import make_rng
@@ -135,7 +136,7 @@ def resolve(config: AgentConfig, model: Model) -> AgentConfig:
 
 def _make_mae(config: AgentConfig) -> LanguageGroundedMAE:
     if config.mae is not None:
-        return LanguageGroundedMAE.from_pretrained(config.mae)
+        return load_mae(config.mae, config.system, config.finetune)
     null = FrozenText(config.finetune.text, config.device).null_text
     with torch.random.fork_rng([]):
         torch.manual_seed(torch_seed(config.seed, "mae weights"))
@@ -154,10 +155,20 @@ def _make_learner(model: Model, config: AgentConfig) -> LanGWMLearner:
     return LanGWMLearner(cast("Dreamer", model), config)
 
 
+def needs_labels(config: AgentConfig) -> bool:
+    """Whether objects are hidden or told of while the MAE learns."""
+    objects = config.finetune.objects
+    return config.features == "finetuned" and (objects.hides or objects.captions != "none")
+
+
 SYSTEM = System(
-    create=create,
-    restore=restore,
-    resolve=resolve,
-    make_learner=_make_learner,
-    needs_labels=lambda config: config.features == "finetuned",
+    create=create, restore=restore, resolve=resolve, make_learner=_make_learner, needs_labels=needs_labels
+)
+EMPTY_LANGUAGE = replace(SYSTEM, note="objects hidden, the caption always empty")
+NO_MASK = replace(SYSTEM, note="no objects hidden, captions as in langwm; not in the paper")
+NO_MASK_EMPTY_LANGUAGE = replace(SYSTEM, note="no objects hidden, the caption always empty")
+MWM = replace(
+    SYSTEM,
+    note="fills in colours, no language (the constant tokens of the empty caption stay); tokens told from"
+    " the state alone; sizes and learning rates as in langwm; the task observation as in all rows",
 )

@@ -10,7 +10,13 @@ from langwm_data.config_io import ConfigError, build_config, load_preset, merge
 
 OVERLAYS = "presets/systems"
 
-SYSTEMS: Mapping[str, System] = {"langwm": langwm.SYSTEM}
+SYSTEMS: Mapping[str, System] = {
+    "langwm": langwm.SYSTEM,
+    "langwm-empty-language": langwm.EMPTY_LANGUAGE,
+    "langwm-no-mask-empty-language": langwm.NO_MASK_EMPTY_LANGUAGE,
+    "langwm-no-mask": langwm.NO_MASK,
+    "mwm": langwm.MWM,
+}
 
 
 def find_system(name: str) -> System:

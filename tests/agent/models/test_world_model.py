@@ -53,11 +53,21 @@ def test_loss_terms_fall_on_a_fixed_batch():
 
 
 def test_loss_is_the_scaled_sum_of_its_terms():
-    scales = LossScales(token=0.5, pool=0.0, task=2.0, reward=3.0, discount=4.0, kl=5.0)
+    scales = LossScales(token=0.5, pool=0.25, task=2.0, reward=3.0, discount=4.0, kl=5.0)
     model = make_model(dataclasses.replace(CONFIG, loss_scales=scales))
     loss, metrics, _ = world_model_loss(model, make_batch(), torch.Generator().manual_seed(0))
     expected = sum(v * metrics[f"wm/{k}_loss"] for k, v in dataclasses.asdict(scales).items())
     assert loss.item() == pytest.approx(expected, rel=1e-5)
+
+
+def test_tokens_told_from_the_embedding_at_no_weight_are_not_told():
+    model = make_model(dataclasses.replace(CONFIG, loss_scales=LossScales(pool=0.0)))
+    loss, metrics, _ = world_model_loss(model, make_batch(), torch.Generator().manual_seed(0))
+    _, full, _ = world_model_loss(make_model(), make_batch(), torch.Generator().manual_seed(0))
+    assert metrics.keys() == full.keys() - {"wm/pool_loss"}
+    assert loss.item() == pytest.approx(full["wm/loss"] - full["wm/pool_loss"], rel=1e-5)
+    loss.backward()
+    assert all(p.grad is None for p in model.observation.decoder.from_embed.parameters())
 
 
 def test_what_is_told_is_what_was_seen_before_augmentation():
