@@ -130,6 +130,8 @@ class RSSMConfig:
     """Width of the recurrent state."""
     hidden: PositiveInt = 1024
     """Width of the layers around it."""
+    unimix: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """Share of the uniform distribution in the latents'. Source: DreamerV3 (0.01), off."""
 
     @property
     def feat_dim(self) -> int:
@@ -191,8 +193,9 @@ class WorldModelConfig:
     """Share of the KL gradient that moves the prior. Source: DreamerV2."""
     free_nats: NonNegative = 0.01
     """KL below this is left alone, per step. Source: MWM; decision 18."""
-    reward_transform: Literal["symlog", "identity"] = "symlog"
-    """Space in which the reward is predicted. Source: MWM; ``identity`` is DreamerV2's."""
+    reward_transform: Literal["symlog", "identity", "twohot"] = "symlog"
+    """Space in which the reward is predicted. Source: MWM; ``identity`` is DreamerV2's, ``twohot``, a
+    distribution over bins, DreamerV3's."""
     discount: Fraction = 0.99
     """Gamma: what the discount head predicts for a state that is not terminal. Source: DreamerV2."""
     learning_rate: Positive = 3e-4
@@ -207,6 +210,11 @@ class BehaviorConfig:
     actor: MLPConfig = field(default_factory=MLPConfig)
     critic: MLPConfig = field(default_factory=MLPConfig)
     """Unlisted in the paper; as the actor (decision 25)."""
+    value_transform: Literal["identity", "twohot"] = "identity"
+    """How the critic predicts the return. ``twohot``: as a distribution over bins. Source: DreamerV2; V3."""
+    return_scale: Literal["none", "percentile"] = "none"
+    """``percentile``: the actor's returns are divided by a running mean of the distance between their 5th and
+    95th percentile, where that is above 1. Source: DreamerV2; V3."""
     lambda_: Fraction = 0.95
     """Source: DreamerV2."""
     entropy_scale: NonNegative = 1e-4

@@ -12,11 +12,11 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from agent.config import WorldModelConfig
-from agent.models.distributions import categorical_entropy, symexp
+from agent.models.distributions import categorical_entropy
 from agent.models.nets import make_mlp
 from agent.models.observation import ObservationModel
+from agent.models.readout import half_square, make_head, make_readout
 from agent.models.rssm import RSSM, Latent, balanced_kl
-from pretrain.losses import symlog
 
 Metrics = dict[str, float]
 
@@ -50,7 +50,8 @@ class WorldModel(nn.Module):
         self.rssm = RSSM(config.rssm, observation.embed_dim, action_dim)
         feat_dim = self.rssm.feat_dim
         self.task_decoder = make_mlp(feat_dim, task.units, task.layers, task_dim)
-        self.reward_head = make_mlp(feat_dim, head.units, head.layers, 1)
+        self.reward_readout = make_readout(config.reward_transform)
+        self.reward_head = make_head(feat_dim, head, self.reward_readout)
         self.discount_head = make_mlp(feat_dim, head.units, head.layers, 1)
         self.register_buffer("task_scale", torch.tensor(task.scale), persistent=False)
         self.task_scale: Tensor
@@ -61,8 +62,7 @@ class WorldModel(nn.Module):
 
     def predict_reward(self, feat: Float[Tensor, "*B F"]) -> Float[Tensor, "*B"]:
         """Reward for arriving in a state, in the environment's units."""
-        raw = self.reward_head(feat).squeeze(-1).float()
-        return symexp(raw) if self.config.reward_transform == "symlog" else raw
+        return self.reward_readout.value(self.reward_head(feat))
 
     def predict_discount(self, feat: Float[Tensor, "*B F"]) -> Float[Tensor, "*B"]:
         """Gamma where the episode goes on from a state, 0 where it has terminated."""
@@ -107,15 +107,9 @@ def reconstruction_losses(
     """What state and embedding must tell: what was seen, task observation, reward, discount."""
     feat, config = post.feat, model.config
     target = batch.target.flatten(0, 1).detach()
-    reward = symlog(batch.reward) if config.reward_transform == "symlog" else batch.reward
     discount = config.discount * (~batch.is_terminal).to(feat.dtype)
     return model.observation.losses(target, embed, feat.flatten(0, 1)) | {
         "task": half_square(model.task_decoder(feat) - batch.task / model.task_scale).sum(-1).mean(),
-        "reward": half_square(model.reward_head(feat).squeeze(-1) - reward).mean(),
+        "reward": model.reward_readout.loss(model.reward_head(feat), batch.reward).mean(),
         "discount": F.binary_cross_entropy_with_logits(model.discount_head(feat).squeeze(-1), discount),
     }
-
-
-def half_square(error: Tensor) -> Tensor:
-    """Negative log density of a unit normal, without its constant."""
-    return 0.5 * error.square()

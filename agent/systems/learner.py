@@ -109,9 +109,11 @@ class DreamerLearner(Learner):
         with self._autocast():
             with frozen(model):
                 imagined = imagine(model, behavior, start, generator)
-            actor, returns, weight = actor_loss(imagined, is_alive, behavior.config)
+            actor, returns, weight = actor_loss(imagined, is_alive, behavior.config, behavior.return_scale)
             critic = critic_loss(behavior, imagined.feat, returns, weight)
         metrics = behavior_metrics(imagined, returns, actor, critic)
+        if behavior.return_scale is not None:
+            metrics["behavior/return_spread"] = behavior.return_scale.spread.item()
         return metrics | self._step("actor", actor, index) | self._step("critic", critic, index)
 
     def _step(self, name: str, loss: torch.Tensor, index: int) -> Metrics:
