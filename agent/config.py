@@ -175,6 +175,8 @@ class LossScales:
     their reconstruction returns; 100 keeps them to a tenth of their scale. Source: ours."""
     reward: NonNegative = 1.0
     discount: NonNegative = 1.0
+    contrast: NonNegative = 1.0
+    """The frame's second view found from the state, where ``key_encoder.mode`` is ``infonce``."""
     kl: NonNegative = 1.0
     """Source: Table 3 (beta)."""
 
@@ -259,6 +261,17 @@ class FinetuneConfig:
             )
 
 
+@config
+class KeyEncoderConfig:
+    """A slowly moving copy of a MAE that is finetuned. Source: Table 3; method notes, section 1."""
+
+    mode: Literal["none", "ema_features", "infonce"] = "none"
+    """``ema_features``: the memory is given the copy's features, in acting too; ``infonce``: the copy sees a
+    second, augmented view of each frame, and the state must find it among those of the batch."""
+    momentum: Annotated[float, Field(gt=0, lt=1)] = 0.999
+    """Weight of the past in the copy's running mean of the MAE's weights."""
+
+
 SystemName = Literal[
     "langwm",
     "langwm-empty-language",
@@ -290,6 +303,7 @@ class AgentConfig:
     env: EnvConfig = field(default_factory=EnvConfig)
     replay: ReplayConfig = field(default_factory=ReplayConfig)
     finetune: FinetuneConfig = field(default_factory=FinetuneConfig)
+    key_encoder: KeyEncoderConfig = field(default_factory=KeyEncoderConfig)
     world_model: WorldModelConfig = field(default_factory=WorldModelConfig)
     behavior: BehaviorConfig = field(default_factory=BehaviorConfig)
     optimizer: OptimizerConfig = field(default_factory=OptimizerConfig)

@@ -35,9 +35,14 @@ class Perception(nn.Module, ABC):
 
 
 def make_dreamer(
-    perception: Perception, observation: ObservationModel, config: AgentConfig, spaces: Spaces
+    perception: Perception,
+    observation: ObservationModel,
+    config: AgentConfig,
+    spaces: Spaces,
+    *,
+    key_dim: int | None = None,
 ) -> "Dreamer":
-    """The three parts for an environment with these spaces.
+    """The three parts for an environment with these spaces; ``key_dim`` is ``WorldModel``'s.
 
     Raises:
         ConfigError: If the task observation has another size than the config says.
@@ -48,7 +53,7 @@ def make_dreamer(
             f"world_model.task.scale has {len(scale)} entries but the environment's task observation has"
             f" {spaces.task_dim}; give one number for each entry"
         )
-    world_model = WorldModel(config.world_model, observation, action_dim=spaces.action_dim)
+    world_model = WorldModel(config.world_model, observation, action_dim=spaces.action_dim, key_dim=key_dim)
     behavior = ActorCritic(config.behavior, config.world_model.rssm.feat_dim, spaces.action_dim)
     return Dreamer(perception, world_model, behavior)
 

@@ -8,13 +8,14 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from agent.config import AgentConfig
+from agent.config import AgentConfig, KeyEncoderConfig
 from agent.models.encoder import TokenModel
 from agent.models.world_model import Metrics
-from agent.replay import Replay
+from agent.replay import Replay, ReplayBatch
 from agent.systems.dreamer import Dreamer, Perception, make_dreamer
 from agent.systems.features import TokenCache
 from agent.systems.finetune import Finetuner
+from agent.systems.key_encoder import KeyEncoder, second_view
 from agent.systems.learner import DreamerLearner
 from agent.systems.pretrained import load_mae
 from agent.systems.system import Learner, Model, Spaces, System
@@ -32,12 +33,17 @@ class MAEPerception(Perception):
     Args:
         mae: The autoencoder.
         cache: Remembers the tokens of a MAE that never changes; none where it is finetuned.
+        key: Whether a slowly moving copy goes beside it, and whether the tokens are the copy's.
     """
 
-    def __init__(self, mae: LanguageGroundedMAE, cache: TokenCache | None = None) -> None:
+    def __init__(
+        self, mae: LanguageGroundedMAE, *, cache: TokenCache | None = None, key: KeyEncoderConfig
+    ) -> None:
         super().__init__()
         self.mae = mae
-        self._encode = cache.encode if cache else mae.encode
+        self.key = None if key.mode == "none" else KeyEncoder(mae, key.momentum)
+        seen = self.key.mae if self.key and key.mode == "ema_features" else mae
+        self._encode = cache.encode if cache else seen.encode
 
     def encode(self, obs: Mapping[str, Tensor]) -> Float[Tensor, "B N V"]:
         """Tokens of ``rgb``."""
@@ -53,9 +59,10 @@ class LanGWMLearner(Learner):
     def __init__(self, model: Dreamer, config: AgentConfig) -> None:
         self._config = config
         self._dreamer = DreamerLearner(model, config)
+        self._perception = cast("MAEPerception", model.perception)
         self._finetuner: Finetuner | None = None
         if config.features == "finetuned":
-            mae = cast("MAEPerception", model.perception).mae
+            mae = self._perception.mae
             text = FrozenText(mae.text, config.device)
             self._finetuner = Finetuner(mae, text, config.finetune, seed=config.seed)
 
@@ -71,13 +78,29 @@ class LanGWMLearner(Learner):
         config, finetuner = self._config, self._finetuner
         assert finetuner is not None
         rng = make_rng(config.seed, "mae pretraining", finetuner.num_updates)
-        return finetuner.update(replay.sample(rng, config.batch_size, config.batch_length).frames())
+        metrics = finetuner.update(replay.sample(rng, config.batch_size, config.batch_length).frames())
+        if self.is_pretrained and self._perception.key is not None:
+            self._perception.key.catch_up(self._perception.mae)
+        return metrics
 
     def update(self, replay: Replay, index: int) -> Metrics:
         """Take update number ``index`` of everything that learns."""
         batch = self._dreamer.sample(replay, index)
         metrics = self._finetuner.update(batch.frames()) if self._finetuner else {}
-        return metrics | self._dreamer.update_on(batch, index)
+        return metrics | self._dreamer.update_on(batch, index, self._update_key(batch, index))
+
+    def _update_key(self, batch: ReplayBatch, index: int) -> Float[Tensor, "B T V"] | None:
+        """Let the key encoder follow the MAE; what it makes of a second view, where states must find that."""
+        config, key = self._config, self._perception.key
+        if key is None:
+            return None
+        key.follow(self._perception.mae)
+        if config.key_encoder.mode != "infonce":
+            return None
+        rng = make_rng(config.seed, "second view", index)
+        view = second_view(rng, batch.rgb, config.finetune.augment).to(self._perception.mae.device)
+        with torch.autocast(view.device.type, torch.bfloat16, enabled=config.precision == "bf16"):
+            return key.describe(view.flatten(0, 1)).unflatten(0, view.shape[:2])
 
     def state_dict(self) -> dict[str, Any]:
         """Of all optimizers."""
@@ -102,6 +125,11 @@ def create(config: AgentConfig, spaces: Spaces) -> Dreamer:
             "features 'frozen' needs a pretrained MAE; give --mae RUN, or --features finetuned to learn"
             " one from what the agent sees"
         )
+    if config.features == "frozen" and config.key_encoder.mode != "none":
+        raise ConfigError(
+            f"key_encoder.mode {config.key_encoder.mode!r} needs --features finetuned: a frozen MAE never"
+            " moves away from its running mean"
+        )
     mae = _make_mae(config)
     wanted = mae.config
     if (spaces.height, spaces.width) != (wanted.height, wanted.width):
@@ -113,7 +141,7 @@ def create(config: AgentConfig, spaces: Spaces) -> Dreamer:
     cache = TokenCache(mae, config.token_cache_mib) if config.features == "frozen" else None
     with torch.random.fork_rng([]):
         torch.manual_seed(torch_seed(config.seed, "agent weights"))
-        model = _assemble(MAEPerception(mae, cache), config, spaces)
+        model = _assemble(MAEPerception(mae, cache=cache, key=config.key_encoder), config, spaces)
     return model.to(config.device)
 
 
@@ -123,7 +151,7 @@ def restore(config: AgentConfig, spaces: Spaces, tensors: Mapping[str, Tensor]) 
         embed=tensors["perception.mae.null_embed"], attend=tensors["perception.mae.null_attend"]
     )
     mae = LanguageGroundedMAE(config.finetune.model, config.finetune.text, null)
-    model = _assemble(MAEPerception(mae), config, spaces)
+    model = _assemble(MAEPerception(mae, key=config.key_encoder), config, spaces)
     model.load_state_dict(tensors)
     return model
 
@@ -148,7 +176,8 @@ def _assemble(perception: MAEPerception, config: AgentConfig, spaces: Spaces) ->
     observation = TokenModel(
         sizes, num_tokens=1 + mae.num_patches, token_dim=mae.dim, task_dim=spaces.task_dim
     )
-    return make_dreamer(perception, observation, config, spaces)
+    key_dim = mae.dim if config.key_encoder.mode == "infonce" else None
+    return make_dreamer(perception, observation, config, spaces, key_dim=key_dim)
 
 
 def _make_learner(model: Model, config: AgentConfig) -> LanGWMLearner:
