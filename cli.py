@@ -119,6 +119,10 @@ def inspect_command(
         raise typer.BadParameter("--gallery and --plots are of the whole dataset; give them without a key")
     if out is not None and key is None and not rerun:
         raise typer.BadParameter("--out is for one frame or --rerun; give a key, --gallery or --plots")
+    if rerun:
+        from langwm_data.shards.rerun_view import import_rerun
+
+        import_rerun()  # refused before anything is printed or written
     if key is not None:
         _inspect_frame(data, key, None if rerun else out)
     else:
@@ -274,10 +278,18 @@ def demo_command(
 
 
 @app.command("doctor")
-def doctor_command() -> None:
+def doctor_command(
+    furniture: Annotated[
+        Path | None,
+        typer.Option("--furniture", file_okay=False, help="Say what homes would use of these catalogues."),
+    ] = None,
+) -> None:
     """Say what this machine has and what is missing."""
-    from agent.doctor import diagnose
+    from agent.doctor import describe_furniture, diagnose
 
+    if furniture is not None:
+        typer.echo(describe_furniture(furniture))
+        return
     lines = diagnose()
     for line in lines:
         typer.echo(f"{'ok  ' if line.is_ok else 'MISS'} {line.name}: {line.detail}")

@@ -7,16 +7,13 @@ depends on the scene, the reset and the actions only.
 import dataclasses
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from langwm_data.config import RobotConfig
-from langwm_data.scenes.homes import make_home
 from langwm_data.scenes.spec import SceneSpec
 from langwm_data.sim.collision import Gap, Solids
-from langwm_data.sim.settle import settle
 
 SKIN_M = 0.001
 """The robot is kept this far from obstacles."""
@@ -24,12 +21,6 @@ CONTACT_M = 0.00001
 """It touches an obstacle when it comes this close to its skin."""
 
 XY = tuple[float, float]
-
-
-@lru_cache(maxsize=32)
-def bake_home(name: str, *, seed: int) -> SceneSpec:
-    """The procedural home of that name and seed with its loose objects at rest; cached in the process."""
-    return settle(make_home(name, seed=seed))
 
 
 @dataclass(frozen=True, kw_only=True)
