@@ -278,6 +278,7 @@ SystemName = Literal[
     "langwm-no-mask-empty-language",
     "langwm-no-mask",
     "mwm",
+    "own-encoder",
 ]
 """Everything that ``train-agent --system`` knows; ``agent.systems.registry`` holds what each name means."""
 

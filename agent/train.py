@@ -21,8 +21,9 @@ from agent.replay import Replay
 from agent.rollout import Collector, EpisodeRecord
 from agent.systems.agent import Agent
 from agent.systems.controls import make_random_policy
+from agent.systems.features import Encoder
 from agent.systems.registry import find_system
-from agent.systems.system import Spaces, State
+from agent.systems.system import Learner, Spaces, State
 from langwm_data.config_io import claim_output
 from langwm_data.seeding import derive_seed
 from pretrain.checkpoint import latest_checkpoint, load_checkpoint, save_checkpoint
@@ -45,6 +46,7 @@ def train_agent(
     fresh: bool = False,
     progress: Progress | None = None,
     env: gymnasium.Env | None = None,
+    encoder: Encoder | None = None,
 ) -> Path:
     """Train an agent, going on where an earlier call stopped.
 
@@ -55,6 +57,8 @@ def train_agent(
         progress: Called with environment steps done and in all.
         env: Learn in this environment instead of the training floors. It must be deterministic and
             have the observation, action and ``info`` of ``PointNavEnv``. It is closed at the end.
+        encoder: What system ``own-encoder`` sees through: one method, ``encode``, from frames (B, H, W, 3)
+            uint8 to tokens (B, N, D). It is never trained or saved.
 
     Returns:
         ``out``; ``Agent.from_pretrained`` reads it.
@@ -65,7 +69,7 @@ def train_agent(
         FloatingPointError: If training diverges.
     """
     usable_device(config.device)
-    system = find_system(config.system)
+    system = find_system(config.system, encoder)
     env = env or PointNavEnv(replace(config.env, with_labels=system.needs_labels(config)))
     try:
         spaces = Spaces.of(env)
@@ -74,7 +78,8 @@ def train_agent(
         if is_finished(config, out):
             log.info("%s has finished its %d steps; --fresh starts over", out, config.steps)
             return out
-        run = _Run(config, out, env, Agent(model, system.resolve(config, model), spaces))
+        agent = Agent(model, system.resolve(config, model), spaces)
+        run = _Run(config, out, env, agent, system.make_learner(model, config))
         with MetricsLogger(out, run.step) as logger, stop_requests() as stop:
             while run.step < config.steps and not stop.is_set():
                 run.advance(logger)
@@ -99,14 +104,16 @@ def is_finished(config: AgentConfig, out: Path) -> bool:
 class _Run:
     """Everything that learns, collects and remembers in one run."""
 
-    def __init__(self, config: AgentConfig, out: Path, env: gymnasium.Env, agent: Agent) -> None:
+    def __init__(
+        self, config: AgentConfig, out: Path, env: gymnasium.Env, agent: Agent, learner: Learner
+    ) -> None:
         self._config = config
         self._out = out
         self.step = 0
         self._num_updates = 0
         self._means = _Means()
         self._agent = agent
-        self._learner = find_system(config.system).make_learner(agent.model, config)
+        self._learner = learner
         self._random = make_random_policy(derive_seed(config.seed, "prefill"))
         state = self._load()
         self._replay = Replay(config.replay, out / REPLAY_FOLDER, state.get("replay"))

@@ -1,7 +1,7 @@
 """A slowly moving copy of an autoencoder that is finetuned.
 
-Two readings of the paper's "key encoder": the memory is given the copy's features, which drift less than those
-of the MAE itself; or the copy sees a second view of each frame, which the state must find again.
+Two readings of the paper's "key encoder": the memory is given the copy's features, which drift less than
+those of the MAE itself; or the copy sees a second view of each frame, which the state must find again.
 """
 
 import numpy as np
