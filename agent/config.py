@@ -139,6 +139,8 @@ class RSSMConfig:
     """Width of the recurrent state."""
     hidden: PositiveInt = 1024
     """Width of the layers around it."""
+    unimix: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """Share of the uniform distribution in the latents'. Source: DreamerV3 (0.01), off."""
 
     @property
     def feat_dim(self) -> int:
@@ -197,6 +199,8 @@ class LossScales:
     their reconstruction returns; 100 keeps them to a tenth of their scale. Source: ours."""
     reward: NonNegative = 1.0
     discount: NonNegative = 1.0
+    contrast: NonNegative = 1.0
+    """The frame's second view found from the state, where ``key_encoder.mode`` is ``infonce``."""
     kl: NonNegative = 1.0
     """Source: Table 3 (beta)."""
 
@@ -219,8 +223,9 @@ class WorldModelConfig:
     """Share of the KL gradient that moves the prior. Source: DreamerV2."""
     free_nats: NonNegative = 0.01
     """KL below this is left alone, per step. Source: MWM; decision 18."""
-    reward_transform: Literal["symlog", "identity"] = "symlog"
-    """Space in which the reward is predicted. Source: MWM; ``identity`` is DreamerV2's."""
+    reward_transform: Literal["symlog", "identity", "twohot"] = "symlog"
+    """Space in which the reward is predicted. Source: MWM; ``identity`` is DreamerV2's, ``twohot``, a
+    distribution over bins, DreamerV3's."""
     discount: Fraction = 0.99
     """Gamma: what the discount head predicts for a state that is not terminal. Source: DreamerV2."""
     learning_rate: Positive = 3e-4
@@ -235,6 +240,11 @@ class BehaviorConfig:
     actor: MLPConfig = field(default_factory=MLPConfig)
     critic: MLPConfig = field(default_factory=MLPConfig)
     """Unlisted in the paper; as the actor (decision 25)."""
+    value_transform: Literal["identity", "twohot"] = "identity"
+    """How the critic predicts the return. ``twohot``: as a distribution over bins. Source: DreamerV2; V3."""
+    return_scale: Literal["none", "percentile"] = "none"
+    """``percentile``: the actor's returns are divided by a running mean of the distance between their 5th and
+    95th percentile, where that is above 1. Source: DreamerV2; V3."""
     lambda_: Fraction = 0.95
     """Source: DreamerV2."""
     entropy_scale: NonNegative = 1e-4
@@ -356,6 +366,17 @@ class OracleBoxesConfig:
     """The nearest ones in sight."""
 
 
+@config
+class KeyEncoderConfig:
+    """A slowly moving copy of a MAE that is finetuned. Source: Table 3; method notes, section 1."""
+
+    mode: Literal["none", "ema_features", "infonce"] = "none"
+    """``ema_features``: the memory is given the copy's features, in acting too; ``infonce``: the copy sees a
+    second, augmented view of each frame, and the state must find it among those of the batch."""
+    momentum: Annotated[float, Field(gt=0, lt=1)] = 0.999
+    """Weight of the past in the copy's running mean of the MAE's weights."""
+
+
 SystemName = Literal[
     "langwm",
     "dreamerv2",
@@ -364,6 +385,11 @@ SystemName = Literal[
     "dreamerv2-oracle-boxes",
     "curl",
     "rad",
+    "langwm-empty-language",
+    "langwm-no-mask-empty-language",
+    "langwm-no-mask",
+    "mwm",
+    "own-encoder",
 ]
 """Everything that ``train-agent --system`` knows; ``agent.systems.registry`` holds what each name means."""
 
@@ -389,6 +415,7 @@ class AgentConfig:
     env: EnvConfig = field(default_factory=EnvConfig)
     replay: ReplayConfig = field(default_factory=ReplayConfig)
     finetune: FinetuneConfig = field(default_factory=FinetuneConfig)
+    key_encoder: KeyEncoderConfig = field(default_factory=KeyEncoderConfig)
     world_model: WorldModelConfig = field(default_factory=WorldModelConfig)
     behavior: BehaviorConfig = field(default_factory=BehaviorConfig)
     optimizer: OptimizerConfig = field(default_factory=OptimizerConfig)

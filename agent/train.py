@@ -21,6 +21,7 @@ from agent.replay import Replay, check_disk, step_bytes
 from agent.rollout import Collector, EpisodeRecord
 from agent.systems.agent import Agent
 from agent.systems.controls import make_random_policy
+from agent.systems.features import Encoder
 from agent.systems.registry import find_system
 from agent.systems.system import Spaces, State, System
 from langwm_data.config_io import claim_output
@@ -45,6 +46,7 @@ def train_agent(
     fresh: bool = False,
     progress: Progress | None = None,
     env: gymnasium.Env | None = None,
+    encoder: Encoder | None = None,
 ) -> Path:
     """Train an agent, going on where an earlier call stopped.
 
@@ -55,6 +57,8 @@ def train_agent(
         progress: Called with environment steps done and in all.
         env: Learn in this environment instead of the training floors. It must be deterministic and
             have the observation, action and ``info`` of ``PointNavEnv``. It is closed at the end.
+        encoder: What system ``own-encoder`` sees through: one method, ``encode``, from frames (B, H, W, 3)
+            uint8 to tokens (B, N, D). It is never trained or saved.
 
     Returns:
         ``out``; ``Agent.from_pretrained`` reads it.
@@ -67,7 +71,7 @@ def train_agent(
             from the last checkpoint.
     """
     usable_device(config.device)
-    system = find_system(config.system)
+    system = find_system(config.system, encoder)
     with_labels = config.env.with_labels or system.needs_labels(config)
     env = env or PointNavEnv(replace(config.env, with_labels=with_labels))
     try:
@@ -79,7 +83,8 @@ def train_agent(
         if is_finished(config, out):
             log.info("%s has finished its %d steps; --fresh starts over", out, config.steps)
             return out
-        run = _Run(config, out, env, Agent(model, system.resolve(config, model), spaces))
+        agent = Agent(model, system.resolve(config, model), spaces)
+        run = _Run(config, out, env, agent, system)
         with MetricsLogger(out, run.step) as logger, stop_requests() as stop:
             while run.step < config.steps and not stop.is_set():
                 run.advance(logger)
@@ -120,14 +125,15 @@ def _check_disk(config: AgentConfig, system: System, spaces: Spaces, out: Path) 
 class _Run:
     """Everything that learns, collects and remembers in one run."""
 
-    def __init__(self, config: AgentConfig, out: Path, env: gymnasium.Env, agent: Agent) -> None:
+    def __init__(
+        self, config: AgentConfig, out: Path, env: gymnasium.Env, agent: Agent, system: System
+    ) -> None:
         self._config = config
         self._out = out
         self.step = 0
         self._num_updates = 0
         self._means = _Means()
         self._agent = agent
-        system = find_system(config.system)
         self._learner = system.make_learner(agent.model, config)
         self._random = make_random_policy(derive_seed(config.seed, "prefill"))
         state = self._load()

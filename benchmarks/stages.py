@@ -1,4 +1,4 @@
-"""Where one worker's time goes: CPU seconds of each stage of making a shard.
+"""Where time goes: seconds of each stage of a piece of work, such as making a shard in one worker.
 
 Functions are replaced, where they are looked up, by ones that note when they begin and end. A stage's time
 is its own: what another stage does in between is that stage's.
@@ -7,7 +7,7 @@ is its own: what another stage does in between is that stage's.
 import importlib
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -32,15 +32,20 @@ STAGES: dict[str, tuple[str, ...]] = {
 
 
 class Clock:
-    """Charges the CPU time of this process to the stage that is being done."""
+    """Charges what passes to the stage that is being done.
 
-    def __init__(self) -> None:
-        self.seconds: defaultdict[str, float] = defaultdict(float)
-        self._stage, self._since = "other", time.process_time()
+    Args:
+        read: What time it is: a number that only grows, or an array of such.
+    """
+
+    def __init__(self, read: Callable[[], Any] = time.process_time) -> None:
+        self.seconds: defaultdict[str, Any] = defaultdict(float)
+        self._read = read
+        self._stage, self._since = "other", read()
 
     def enter(self, stage: str) -> str:
         """Charge what has passed, go on with ``stage``; the stage before."""
-        now, before = time.process_time(), self._stage
+        now, before = self._read(), self._stage
         self.seconds[before] += now - self._since
         self._stage, self._since = stage, now
         return before
@@ -59,10 +64,12 @@ class Clock:
 
 
 @contextmanager
-def stage_clock() -> Iterator[Clock]:
-    """A clock that runs while the block does."""
-    clock, replaced = Clock(), []
-    for stage, places in STAGES.items():
+def stage_clock(
+    stages: Mapping[str, tuple[str, ...]] = STAGES, read: Callable[[], Any] = time.process_time
+) -> Iterator[Clock]:
+    """A clock that runs while the block does; of this process's CPU time if ``read`` says nothing else."""
+    clock, replaced = Clock(read), []
+    for stage, places in stages.items():
         for place in places:
             owner, name = _resolve(place)
             function = getattr(owner, name)

@@ -11,9 +11,11 @@ from torch import Tensor, nn
 from agent.config import BehaviorConfig
 from agent.models.distributions import TruncatedNormal
 from agent.models.nets import make_linear, make_mlp
+from agent.models.readout import make_head, make_readout
+from agent.models.return_scale import ReturnScale
 from agent.models.returns import lambda_return, step_weight
 from agent.models.rssm import Latent
-from agent.models.world_model import Metrics, WorldModel, half_square
+from agent.models.world_model import Metrics, WorldModel
 
 MIN_STD = 0.1
 MAX_STD = 1.0
@@ -31,8 +33,10 @@ class ActorCritic(nn.Module):
         self.config = config
         self.actor = make_mlp(feat_dim, config.actor.units, config.actor.layers)
         self.actor.append(make_linear(config.actor.units, 2 * action_dim, gain=math.sqrt(0.1)))
-        self.critic = make_mlp(feat_dim, config.critic.units, config.critic.layers, 1)
+        self.value_readout = make_readout(config.value_transform)
+        self.critic = make_head(feat_dim, config.critic, self.value_readout)
         self.slow_critic = copy.deepcopy(self.critic).requires_grad_(False)
+        self.return_scale = ReturnScale() if config.return_scale == "percentile" else None
 
     def policy(self, feat: Float[Tensor, "*B F"]) -> TruncatedNormal:
         """Distribution of the next action."""
@@ -42,11 +46,11 @@ class ActorCritic(nn.Module):
 
     def value(self, feat: Float[Tensor, "*B F"]) -> Float[Tensor, "*B"]:
         """Expected discounted sum of the rewards to come."""
-        return self.critic(feat).squeeze(-1).float()
+        return self.value_readout.value(self.critic(feat))
 
     def slow_value(self, feat: Float[Tensor, "*B F"]) -> Float[Tensor, "*B"]:
         """The same, by the slow critic."""
-        return self.slow_critic(feat).squeeze(-1).float()
+        return self.value_readout.value(self.slow_critic(feat))
 
     def copy_to_slow_critic(self) -> None:
         """Let the slow critic catch up."""
@@ -98,15 +102,25 @@ def imagine(
 
 
 def actor_loss(
-    imagined: Imagination, is_alive: Float[Tensor, " B"], config: BehaviorConfig
+    imagined: Imagination,
+    is_alive: Float[Tensor, " B"],
+    config: BehaviorConfig,
+    scale: ReturnScale | None = None,
 ) -> tuple[Float[Tensor, ""], Float[Tensor, "B T"], Float[Tensor, "B T"]]:
     """Negative weighted return plus entropy bonus; also the returns and the weights, both detached.
 
-    Source: Eq. 6; DreamerV2 (``actor_grad: dynamics``).
+    Args:
+        imagined: Steps of the policy.
+        is_alive: 0 where imagination starts from a terminal state, else 1.
+        config: Of the behaviour.
+        scale: Follows the returns and divides them, if given.
+
+    Source: Eq. 6; DreamerV2 (``actor_grad: dynamics``); DreamerV3 (scaled returns).
     """
     returns = lambda_return(imagined.reward, imagined.discount, imagined.next_value, config.lambda_)
     weight = step_weight(is_alive, imagined.discount).detach()
-    loss = -(weight * (returns + config.entropy_scale * imagined.entropy)).mean()
+    wanted = returns if scale is None else returns / scale.follow(returns)
+    loss = -(weight * (wanted + config.entropy_scale * imagined.entropy)).mean()
     return loss, returns.detach(), weight
 
 
@@ -116,8 +130,8 @@ def critic_loss(
     returns: Float[Tensor, "B T"],
     weight: Float[Tensor, "B T"],
 ) -> Float[Tensor, ""]:
-    """Weighted half squared error of the value against the detached returns."""
-    return (weight * half_square(behavior.value(feat.detach()) - returns)).mean()
+    """Weighted loss of the value's head against the detached returns: half the squared error, or two-hot."""
+    return (weight * behavior.value_readout.loss(behavior.critic(feat.detach()), returns)).mean()
 
 
 def behavior_metrics(

@@ -32,6 +32,16 @@ def sample_straight_through(
     return one_hot + probability - probability.detach()
 
 
+def mix_uniform(logit: Float[Tensor, "*B S K"], share: float) -> Float[Tensor, "*B S K"]:
+    """Logits of a mixture with the uniform distribution, which keeps every class possible.
+
+    Source: DreamerV3 (unimix).
+    """
+    if share == 0:
+        return logit
+    return ((1 - share) * logit.softmax(-1) + share / logit.shape[-1]).log()
+
+
 def categorical_kl(p: Float[Tensor, "*B S K"], q: Float[Tensor, "*B S K"]) -> Float[Tensor, "*B"]:
     """KL(p || q) of two sets of S independent categoricals given as logits, in nats, summed over S."""
     log_p, log_q = p.log_softmax(-1), q.log_softmax(-1)

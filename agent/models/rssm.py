@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from agent.config import RSSMConfig
-from agent.models.distributions import categorical_kl, sample_straight_through
+from agent.models.distributions import categorical_kl, mix_uniform, sample_straight_through
 from agent.models.nets import LayerNormGRUCell, make_linear, make_mlp
 
 
@@ -113,7 +113,8 @@ class RSSM(nn.Module):
         return self.cell(x, deter)
 
     def _split(self, logit: Tensor) -> Tensor:
-        return rearrange(logit.float(), "... (s k) -> ... s k", s=self.config.num_latents)
+        apart = rearrange(logit.float(), "... (s k) -> ... s k", s=self.config.num_latents)
+        return mix_uniform(apart, self.config.unimix)
 
 
 def balanced_kl(

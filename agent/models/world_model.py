@@ -12,11 +12,12 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from agent.config import WorldModelConfig
-from agent.models.distributions import categorical_entropy, symexp
+from agent.models.contrast import Contrast
+from agent.models.distributions import categorical_entropy
 from agent.models.nets import make_mlp
 from agent.models.observation import ObservationModel
+from agent.models.readout import half_square, make_head, make_readout
 from agent.models.rssm import RSSM, Latent, balanced_kl
-from pretrain.losses import symlog
 
 Metrics = dict[str, float]
 
@@ -34,15 +35,30 @@ class ModelBatch:
     reward: Float[Tensor, "B T"]
     is_first: Bool[Tensor, "B T"]
     is_terminal: Bool[Tensor, "B T"]
+    key: Float[Tensor, "B T V"] | None = None
+    """Another encoder's view of the frames, which the state must find; none where nothing is contrasted."""
 
 
 class WorldModel(nn.Module):
     """Observation model, RSSM, decoder of the task observation, reward and discount heads.
 
+    Args:
+        config: Sizes and losses.
+        observation: Takes in what is seen, and tells it again.
+        action_dim: Of the environment.
+        key_dim: Width of what states are contrasted with; none if they are not.
+
     Source: Eq. 4, Eq. 5, Table 3.
     """
 
-    def __init__(self, config: WorldModelConfig, observation: ObservationModel, *, action_dim: int) -> None:
+    def __init__(
+        self,
+        config: WorldModelConfig,
+        observation: ObservationModel,
+        *,
+        action_dim: int,
+        key_dim: int | None = None,
+    ) -> None:
         super().__init__()
         self.config = config
         head, task, task_dim = config.head, config.task, len(config.task.scale)
@@ -50,8 +66,10 @@ class WorldModel(nn.Module):
         self.rssm = RSSM(config.rssm, observation.embed_dim, action_dim)
         feat_dim = self.rssm.feat_dim
         self.task_decoder = make_mlp(feat_dim, task.units, task.layers, task_dim)
-        self.reward_head = make_mlp(feat_dim, head.units, head.layers, 1)
+        self.reward_readout = make_readout(config.reward_transform)
+        self.reward_head = make_head(feat_dim, head, self.reward_readout)
         self.discount_head = make_mlp(feat_dim, head.units, head.layers, 1)
+        self.contrast = None if key_dim is None else Contrast(feat_dim, key_dim)
         self.register_buffer("task_scale", torch.tensor(task.scale), persistent=False)
         self.task_scale: Tensor
 
@@ -61,8 +79,7 @@ class WorldModel(nn.Module):
 
     def predict_reward(self, feat: Float[Tensor, "*B F"]) -> Float[Tensor, "*B"]:
         """Reward for arriving in a state, in the environment's units."""
-        raw = self.reward_head(feat).squeeze(-1).float()
-        return symexp(raw) if self.config.reward_transform == "symlog" else raw
+        return self.reward_readout.value(self.reward_head(feat))
 
     def predict_discount(self, feat: Float[Tensor, "*B F"]) -> Float[Tensor, "*B"]:
         """Gamma where the episode goes on from a state, 0 where it has terminated."""
@@ -104,18 +121,15 @@ def world_model_loss(
 def reconstruction_losses(
     model: WorldModel, batch: ModelBatch, embed: Float[Tensor, "BT E"], post: Latent
 ) -> dict[str, Float[Tensor, ""]]:
-    """What state and embedding must tell: what was seen, task observation, reward, discount."""
+    """What state and embedding must tell: what was seen, task observation, reward, discount, the key."""
     feat, config = post.feat, model.config
     target = batch.target.flatten(0, 1).detach()
-    reward = symlog(batch.reward) if config.reward_transform == "symlog" else batch.reward
     discount = config.discount * (~batch.is_terminal).to(feat.dtype)
-    return model.observation.losses(target, embed, feat.flatten(0, 1)) | {
+    losses = model.observation.losses(target, embed, feat.flatten(0, 1))
+    if model.contrast is not None and batch.key is not None:
+        losses["contrast"] = model.contrast.loss(feat.flatten(0, 1), batch.key.flatten(0, 1))
+    return losses | {
         "task": half_square(model.task_decoder(feat) - batch.task / model.task_scale).sum(-1).mean(),
-        "reward": half_square(model.reward_head(feat).squeeze(-1) - reward).mean(),
+        "reward": model.reward_readout.loss(model.reward_head(feat), batch.reward).mean(),
         "discount": F.binary_cross_entropy_with_logits(model.discount_head(feat).squeeze(-1), discount),
     }
-
-
-def half_square(error: Tensor) -> Tensor:
-    """Negative log density of a unit normal, without its constant."""
-    return 0.5 * error.square()

@@ -12,6 +12,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save
 
 from agent.config import AgentConfig, EnvConfig
+from agent.systems.features import Encoder
 from agent.systems.registry import find_system
 from agent.systems.system import Model, Spaces, State
 from langwm_data import atomic
@@ -110,22 +111,30 @@ class Agent:
         return replace(self.config, env=env, mae=None)
 
     @classmethod
-    def from_pretrained(cls, folder: Path | str, device: str = "cpu") -> "Agent":
+    def from_pretrained(
+        cls, folder: Path | str, device: str = "cpu", *, encoder: Encoder | None = None
+    ) -> "Agent":
         """Read what ``save_pretrained`` wrote, from its folder or from the run that holds it.
 
+        Args:
+            folder: Of the agent or of its run.
+            device: Where it will act.
+            encoder: The one that an agent of system ``own-encoder`` was trained with.
+
         Raises:
-            ValueError: If there is no agent, or it is damaged or of another version.
+            ValueError: If there is no agent, it is damaged or of another version, or its encoder is missing.
         """
         folder = Path(folder)
         if (folder / MODEL_FOLDER / CONFIG_FILE).is_file():
             folder = folder / MODEL_FOLDER
         config, spaces = _read_config(folder)
+        system = find_system(config.system, encoder)
         try:
             tensors = load_file(folder / WEIGHTS_FILE)
         except (OSError, SafetensorError) as error:
             raise ValueError(f"{folder / WEIGHTS_FILE} cannot be read: {error}") from error
         try:
-            model = find_system(config.system).restore(config, spaces, tensors)
+            model = system.restore(config, spaces, tensors)
         except (KeyError, RuntimeError) as error:
             raise ValueError(
                 f"{folder / WEIGHTS_FILE} does not fit {CONFIG_FILE} beside it: {error}"

@@ -36,15 +36,20 @@ class Perception(nn.Module, ABC):
 
 
 def make_dreamer(
-    perception: Perception, observation: ObservationModel, config: AgentConfig, spaces: Spaces
+    perception: Perception,
+    observation: ObservationModel,
+    config: AgentConfig,
+    spaces: Spaces,
+    *,
+    key_dim: int | None = None,
 ) -> "Dreamer":
-    """The three parts for an environment with these spaces.
+    """The three parts for an environment with these spaces; ``key_dim`` is ``WorldModel``'s.
 
     Raises:
         ConfigError: If the task observation has another size than the config says.
     """
     task_scale(config, spaces)
-    world_model = WorldModel(config.world_model, observation, action_dim=spaces.action_dim)
+    world_model = WorldModel(config.world_model, observation, action_dim=spaces.action_dim, key_dim=key_dim)
     behavior = ActorCritic(config.behavior, config.world_model.rssm.feat_dim, spaces.action_dim)
     return Dreamer(perception, world_model, behavior)
 

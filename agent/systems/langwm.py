@@ -8,14 +8,16 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from agent.config import AgentConfig
+from agent.config import AgentConfig, KeyEncoderConfig
 from agent.models.encoder import TokenModel
 from agent.models.world_model import Metrics
-from agent.replay import Replay
+from agent.replay import Replay, ReplayBatch
 from agent.systems.dreamer import Dreamer, Perception, make_dreamer
 from agent.systems.features import TokenCache
 from agent.systems.finetune import Finetuner
+from agent.systems.key_encoder import KeyEncoder, second_view
 from agent.systems.learner import DreamerLearner
+from agent.systems.pretrained import load_mae
 from agent.systems.system import Learner, Model, Spaces, System
 from langwm_data.config_io import ConfigError
 from langwm_data.seeding import make_rng
@@ -31,12 +33,17 @@ class MAEPerception(Perception):
     Args:
         mae: The autoencoder.
         cache: Remembers the tokens of a MAE that never changes; none where it is finetuned.
+        key: Whether a slowly moving copy goes beside it, and whether the tokens are the copy's.
     """
 
-    def __init__(self, mae: LanguageGroundedMAE, cache: TokenCache | None = None) -> None:
+    def __init__(
+        self, mae: LanguageGroundedMAE, *, cache: TokenCache | None = None, key: KeyEncoderConfig
+    ) -> None:
         super().__init__()
         self.mae = mae
-        self._encode = cache.encode if cache else mae.encode
+        self.key = None if key.mode == "none" else KeyEncoder(mae, key.momentum)
+        seen = self.key.mae if self.key and key.mode == "ema_features" else mae
+        self._encode = cache.encode if cache else seen.encode
 
     def encode(self, obs: Mapping[str, Tensor]) -> Float[Tensor, "B N V"]:
         """Tokens of ``rgb``."""
@@ -52,9 +59,10 @@ class LanGWMLearner(Learner):
     def __init__(self, model: Dreamer, config: AgentConfig) -> None:
         self._config = config
         self._dreamer = DreamerLearner(model, config)
+        self._perception = cast("MAEPerception", model.perception)
         self._finetuner: Finetuner | None = None
         if config.features == "finetuned":
-            mae = cast("MAEPerception", model.perception).mae
+            mae = self._perception.mae
             text = FrozenText(mae.text, config.device)
             self._finetuner = Finetuner(mae, text, config.finetune, seed=config.seed)
 
@@ -70,13 +78,29 @@ class LanGWMLearner(Learner):
         config, finetuner = self._config, self._finetuner
         assert finetuner is not None
         rng = make_rng(config.seed, "mae pretraining", finetuner.num_updates)
-        return finetuner.update(replay.sample(rng, config.batch_size, config.batch_length).frames())
+        metrics = finetuner.update(replay.sample(rng, config.batch_size, config.batch_length).frames())
+        if self.is_pretrained and self._perception.key is not None:
+            self._perception.key.catch_up(self._perception.mae)
+        return metrics
 
     def update(self, replay: Replay, index: int) -> Metrics:
         """Take update number ``index`` of everything that learns."""
         batch = self._dreamer.sample(replay, index)
         metrics = self._finetuner.update(batch.frames()) if self._finetuner else {}
-        return metrics | self._dreamer.update_on(batch, index)
+        return metrics | self._dreamer.update_on(batch, index, self._update_key(batch, index))
+
+    def _update_key(self, batch: ReplayBatch, index: int) -> Float[Tensor, "B T V"] | None:
+        """Let the key encoder follow the MAE; what it makes of a second view, where states must find that."""
+        config, key = self._config, self._perception.key
+        if key is None:
+            return None
+        key.follow(self._perception.mae)
+        if config.key_encoder.mode != "infonce":
+            return None
+        rng = make_rng(config.seed, "second view", index)
+        view = second_view(rng, batch.rgb, config.finetune.augment).to(self._perception.mae.device)
+        with torch.autocast(view.device.type, torch.bfloat16, enabled=config.precision == "bf16"):
+            return key.describe(view.flatten(0, 1)).unflatten(0, view.shape[:2])
 
     def state_dict(self) -> dict[str, Any]:
         """Of all optimizers."""
@@ -101,6 +125,11 @@ def create(config: AgentConfig, spaces: Spaces) -> Dreamer:
             "features 'frozen' needs a pretrained MAE; give --mae RUN, or --features finetuned to learn"
             " one from what the agent sees"
         )
+    if config.features == "frozen" and config.key_encoder.mode != "none":
+        raise ConfigError(
+            f"key_encoder.mode {config.key_encoder.mode!r} needs --features finetuned: a frozen MAE never"
+            " moves away from its running mean"
+        )
     mae = _make_mae(config)
     wanted = mae.config
     if (spaces.height, spaces.width) != (wanted.height, wanted.width):
@@ -112,7 +141,7 @@ def create(config: AgentConfig, spaces: Spaces) -> Dreamer:
     cache = TokenCache(mae, config.token_cache_mib) if config.features == "frozen" else None
     with torch.random.fork_rng([]):
         torch.manual_seed(torch_seed(config.seed, "agent weights"))
-        model = _assemble(MAEPerception(mae, cache), config, spaces)
+        model = _assemble(MAEPerception(mae, cache=cache, key=config.key_encoder), config, spaces)
     return model.to(config.device)
 
 
@@ -122,7 +151,7 @@ def restore(config: AgentConfig, spaces: Spaces, tensors: Mapping[str, Tensor]) 
         embed=tensors["perception.mae.null_embed"], attend=tensors["perception.mae.null_attend"]
     )
     mae = LanguageGroundedMAE(config.finetune.model, config.finetune.text, null)
-    model = _assemble(MAEPerception(mae), config, spaces)
+    model = _assemble(MAEPerception(mae, key=config.key_encoder), config, spaces)
     model.load_state_dict(tensors)
     return model
 
@@ -135,7 +164,7 @@ def resolve(config: AgentConfig, model: Model) -> AgentConfig:
 
 def _make_mae(config: AgentConfig) -> LanguageGroundedMAE:
     if config.mae is not None:
-        return LanguageGroundedMAE.from_pretrained(config.mae)
+        return load_mae(config.mae, config.system, config.finetune)
     null = FrozenText(config.finetune.text, config.device).null_text
     with torch.random.fork_rng([]):
         torch.manual_seed(torch_seed(config.seed, "mae weights"))
@@ -147,11 +176,18 @@ def _assemble(perception: MAEPerception, config: AgentConfig, spaces: Spaces) ->
     observation = TokenModel(
         sizes, num_tokens=1 + mae.num_patches, token_dim=mae.dim, task_dim=spaces.task_dim
     )
-    return make_dreamer(perception, observation, config, spaces)
+    key_dim = mae.dim if config.key_encoder.mode == "infonce" else None
+    return make_dreamer(perception, observation, config, spaces, key_dim=key_dim)
 
 
 def _make_learner(model: Model, config: AgentConfig) -> LanGWMLearner:
     return LanGWMLearner(cast("Dreamer", model), config)
+
+
+def needs_labels(config: AgentConfig) -> bool:
+    """Whether objects are hidden or told of while the MAE learns."""
+    objects = config.finetune.objects
+    return config.features == "finetuned" and (objects.hides or objects.captions != "none")
 
 
 SYSTEM = System(
@@ -159,6 +195,14 @@ SYSTEM = System(
     restore=restore,
     resolve=resolve,
     make_learner=_make_learner,
-    needs_labels=lambda config: config.features == "finetuned",
+    needs_labels=needs_labels,
     needs_depth=lambda config: config.features == "finetuned",
+)
+EMPTY_LANGUAGE = replace(SYSTEM, note="objects hidden, the caption always empty")
+NO_MASK = replace(SYSTEM, note="no objects hidden, captions as in langwm; not in the paper")
+NO_MASK_EMPTY_LANGUAGE = replace(SYSTEM, note="no objects hidden, the caption always empty")
+MWM = replace(
+    SYSTEM,
+    note="fills in colours, no language (the constant tokens of the empty caption stay); tokens told from"
+    " the state alone; sizes and learning rates as in langwm; the task observation as in all rows",
 )

@@ -6,6 +6,7 @@ Owns these three optimizers. What perceives is trained elsewhere or not at all.
 from typing import Any
 
 import torch
+from jaxtyping import Float
 
 from agent.config import AgentConfig
 from agent.models.actor_critic import (
@@ -56,8 +57,15 @@ class DreamerLearner(Learner):
         config = self._config
         return replay.sample(make_rng(config.seed, "replay", index), config.batch_size, config.batch_length)
 
-    def update_on(self, batch: ReplayBatch, index: int) -> Metrics:
+    def update_on(
+        self, batch: ReplayBatch, index: int, key: Float[torch.Tensor, "B T V"] | None = None
+    ) -> Metrics:
         """Take update number ``index`` on ``batch``; its metrics.
+
+        Args:
+            batch: Sequences.
+            index: The first is 0.
+            key: What states are contrasted with, if they are.
 
         Raises:
             FloatingPointError: If a loss is not finite.
@@ -66,7 +74,7 @@ class DreamerLearner(Learner):
         generator = torch.Generator(device).manual_seed(torch_seed(seed, "update", index))
         with torch.random.fork_rng([] if device.type == "cpu" else [device], device_type=device.type):
             torch.manual_seed(torch_seed(seed, "dropout", index))
-            post, metrics = self._update_world_model(batch.to(device), index, generator)
+            post, metrics = self._update_world_model(batch.to(device), index, generator, key)
         is_alive = (~batch.is_terminal.to(device)).float().flatten()
         metrics |= self._update_behavior(post.detach().flatten_time(), is_alive, index, generator)
         if (index + 1) % self._config.behavior.slow_critic_every == 0:
@@ -83,7 +91,7 @@ class DreamerLearner(Learner):
             optimizer.load_state_dict(state[name])
 
     def _update_world_model(
-        self, batch: ReplayBatch, index: int, generator: torch.Generator
+        self, batch: ReplayBatch, index: int, generator: torch.Generator, key: torch.Tensor | None
     ) -> tuple[Latent, Metrics]:
         model = self._model.world_model.train()
         with self._autocast():
@@ -98,6 +106,7 @@ class DreamerLearner(Learner):
                 reward=batch.reward,
                 is_first=batch.is_first,
                 is_terminal=batch.is_terminal,
+                key=key,
             )
             loss, metrics, post = world_model_loss(model, seen, generator)
         return post, metrics | self._step("wm", loss, index)
@@ -109,9 +118,11 @@ class DreamerLearner(Learner):
         with self._autocast():
             with frozen(model):
                 imagined = imagine(model, behavior, start, generator)
-            actor, returns, weight = actor_loss(imagined, is_alive, behavior.config)
+            actor, returns, weight = actor_loss(imagined, is_alive, behavior.config, behavior.return_scale)
             critic = critic_loss(behavior, imagined.feat, returns, weight)
         metrics = behavior_metrics(imagined, returns, actor, critic)
+        if behavior.return_scale is not None:
+            metrics["behavior/return_spread"] = behavior.return_scale.spread.item()
         return metrics | self._step("actor", actor, index) | self._step("critic", critic, index)
 
     def _step(self, name: str, loss: torch.Tensor, index: int) -> Metrics:

@@ -1,10 +1,11 @@
 """The systems by name, and the configuration that makes each what it is."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, get_args
 
-from agent.config import AgentConfig
-from agent.systems import dreamerv2, grounding_dino, langwm, oracle_boxes, sac
+from agent.config import AgentConfig, SystemName
+from agent.systems import dreamerv2, grounding_dino, langwm, oracle_boxes, own_encoder, sac
+from agent.systems.features import Encoder
 from agent.systems.system import System
 from langwm_data.config_io import ConfigError, build_config, load_preset, merge
 
@@ -12,6 +13,10 @@ OVERLAYS = "presets/systems"
 
 SYSTEMS: Mapping[str, System] = {
     "langwm": langwm.SYSTEM,
+    "langwm-empty-language": langwm.EMPTY_LANGUAGE,
+    "langwm-no-mask-empty-language": langwm.NO_MASK_EMPTY_LANGUAGE,
+    "langwm-no-mask": langwm.NO_MASK,
+    "mwm": langwm.MWM,
     "dreamerv2": dreamerv2.DREAMERV2,
     "dreamerv2-da": dreamerv2.DREAMERV2_DA,
     "dreamerv2-grounding-dino": grounding_dino.SYSTEM,
@@ -19,17 +24,23 @@ SYSTEMS: Mapping[str, System] = {
     "curl": sac.SYSTEM,
     "rad": sac.SYSTEM,
 }
+"""Those that need nothing but a name; ``own_encoder.NAME`` needs an encoder as well."""
 
 
-def find_system(name: str) -> System:
-    """The system of that name.
+def find_system(name: str, encoder: Encoder | None = None) -> System:
+    """The system of that name, seeing through ``encoder`` if it is the one that is given one.
 
     Raises:
-        ConfigError: If there is none.
+        ConfigError: If there is none, or it needs an encoder that is not there, or the other way round.
     """
-    if name not in SYSTEMS:
-        raise ConfigError(f"--system {name!r} is unknown; allowed: {', '.join(SYSTEMS)}")
-    return SYSTEMS[name]
+    _check_name(name)
+    if (name == own_encoder.NAME) != (encoder is not None):
+        raise ConfigError(
+            f"system {name!r} {'needs' if encoder is None else 'takes no'} encoder=...; {own_encoder.NAME!r}"
+            " is given one in Python: train_agent(config, out, encoder=...),"
+            " Agent.from_pretrained(run, encoder=...)"
+        )
+    return SYSTEMS[name] if encoder is None else own_encoder.make_system(encoder)
 
 
 def load_agent_config(
@@ -40,9 +51,14 @@ def load_agent_config(
     Raises:
         ConfigError: If a name is unknown or a value is not allowed.
     """
-    find_system(system)
+    _check_name(system)
     values: dict[str, Any] = {}
     for name in presets:
         values = merge(values, load_preset("agent", name))
     values = merge(values, load_preset("agent", system, OVERLAYS))
     return build_config(AgentConfig, merge(values, overrides or {}) | {"system": system})
+
+
+def _check_name(name: str) -> None:
+    if name not in get_args(SystemName):
+        raise ConfigError(f"--system {name!r} is unknown; allowed: {', '.join(SYSTEMS)}")

@@ -11,10 +11,10 @@ def load(name):
 
 
 def test_presets_are_these():
-    assert preset_names("agent") == ["debug", "grid", "paper", "tiny"]
+    assert preset_names("agent") == ["debug", "dreamerv3", "grid", "paper", "tiny"]
 
 
-@pytest.mark.parametrize("name", ["debug", "grid", "paper", "tiny"])
+@pytest.mark.parametrize("name", ["debug", "dreamerv3", "grid", "paper", "tiny"])
 def test_preset_loads(name):
     assert load(name).system == "langwm"
 
@@ -40,6 +40,15 @@ def test_paper_preset_is_the_default_but_for_the_literal_reward_loss():
     assert paper.finetune.model == dataclasses.replace(default.finetune.model, reward_loss="mse")
     finetune = dataclasses.replace(paper.finetune, model=default.finetune.model)
     assert dataclasses.replace(paper, finetune=finetune) == default
+
+
+def test_dreamerv3_is_what_it_adds_and_off_without_the_preset():
+    on, off = load("dreamerv3"), AgentConfig()
+    assert on.world_model.rssm.unimix == 0.01
+    assert (on.world_model.reward_transform, on.behavior.value_transform) == ("twohot", "twohot")
+    assert on.behavior.return_scale == "percentile"
+    assert (off.world_model.rssm.unimix, off.behavior.return_scale) == (0.0, "none")
+    assert (off.world_model.reward_transform, off.behavior.value_transform) == ("symlog", "identity")
 
 
 def test_tiny_keeps_the_papers_latents():

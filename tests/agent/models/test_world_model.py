@@ -62,6 +62,16 @@ def test_loss_is_the_scaled_sum_of_its_terms():
     assert loss.item() == pytest.approx(expected, rel=1e-5)
 
 
+def test_tokens_told_from_the_embedding_at_no_weight_are_not_told():
+    model = make_model(dataclasses.replace(CONFIG, loss_scales=LossScales(pool=0.0)))
+    loss, metrics, _ = world_model_loss(model, make_batch(), torch.Generator().manual_seed(0))
+    _, full, _ = world_model_loss(make_model(), make_batch(), torch.Generator().manual_seed(0))
+    assert metrics.keys() == full.keys() - {"wm/pool_loss"}
+    assert loss.item() == pytest.approx(full["wm/loss"] - full["wm/pool_loss"], rel=1e-5)
+    loss.backward()
+    assert all(p.grad is None for p in model.observation.decoder.from_embed.parameters())
+
+
 def test_what_is_told_is_what_was_seen_before_augmentation():
     model, batch = make_model(), make_batch()
     other = dataclasses.replace(batch, target=batch.target + 100)

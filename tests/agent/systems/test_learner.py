@@ -1,5 +1,6 @@
 import copy
 import dataclasses
+import math
 
 import pytest
 import torch
@@ -97,3 +98,19 @@ def test_a_loss_that_is_not_finite_is_refused(make_learner):
     batch = dataclasses.replace(make_batch(), reward=torch.full((3, 5), float("nan")))
     with pytest.raises(FloatingPointError, match="the loss is nan at step 0"):
         learner.update_on(batch, 0)
+
+
+def test_all_of_dreamerv3s_additions_learn_together(make_learner, frozen_config):
+    world_model, behavior = frozen_config.world_model, frozen_config.behavior
+    rssm = dataclasses.replace(world_model.rssm, unimix=0.01)
+    quick = {"rssm": rssm, "reward_transform": "twohot", "free_nats": 1.0, "learning_rate": 3e-3}
+    scaled = {"value_transform": "twohot", "return_scale": "percentile", "critic_learning_rate": 3e-3}
+    model, learner = make_learner(
+        world_model=dataclasses.replace(world_model, **quick),
+        behavior=dataclasses.replace(behavior, **scaled),
+    )
+    history = [learner.update_on(make_batch(), index) for index in range(60)]
+    assert history[0]["wm/reward_loss"] == pytest.approx(math.log(255), rel=1e-5)
+    assert history[-1]["wm/reward_loss"] < history[0]["wm/reward_loss"] - 0.5
+    assert history[-1]["behavior/critic_loss"] < history[0]["behavior/critic_loss"]
+    assert model.behavior.return_scale.spread == history[-1]["behavior/return_spread"] > 0

@@ -6,13 +6,14 @@ import pytest
 from gymnasium import spaces
 
 from agent.config import SystemName
+from agent.systems.own_encoder import NAME
 from agent.systems.registry import OVERLAYS, SYSTEMS, find_system, load_agent_config
 from agent.systems.system import Spaces
 from langwm_data.config_io import ConfigError, load_preset, preset_names
 
 
 def test_every_name_has_a_system_and_an_overlay():
-    assert set(SYSTEMS) == set(get_args(SystemName)) == set(preset_names("agent", OVERLAYS))
+    assert {*SYSTEMS, NAME} == set(get_args(SystemName)) == set(preset_names("agent", OVERLAYS))
 
 
 @pytest.mark.parametrize("name", get_args(SystemName))
