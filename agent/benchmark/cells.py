@@ -12,7 +12,7 @@ import os
 import signal
 import traceback
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import torch
@@ -21,11 +21,12 @@ from safetensors import safe_open
 from agent.benchmark.grid import Cell, GridConfig, base_config, cell_config
 from agent.benchmark.record import Stopwatch, describe_machine
 from agent.config import AgentConfig, EnvConfig
-from agent.envs.episodes import fixed_episodes
-from agent.envs.pointnav import PointNavEnv
-from agent.evaluate import EVAL_FOLDER, evaluate_run, play, read_rows, write_rows
+from agent.envs.episode_file import make_episode_set
+from agent.evaluate import EVAL_FOLDER, evaluate_run
+from agent.players import control_player
+from agent.rows import claimed
+from agent.scoring import keep_rows, play_all
 from agent.systems.agent import WEIGHTS_FILE
-from agent.systems.controls import CONTROLS
 from agent.train import train_agent
 from langwm_data.baking import open_scenes
 from langwm_data.scenes.spec import Split
@@ -167,7 +168,7 @@ def _score(
         if cell.is_control:
             _play_control(cell.system, config.env, folder / EVAL_FOLDER, split, each, progress)
         else:
-            evaluate_run(folder, split=split, episodes_per_scene=each, progress=progress)
+            evaluate_run(folder, split=split, episodes_per_scene=each, controls=(), progress=progress)
         watch.update(scored=watch.record.scored | {split: each})
     return each * _num_floors(config)[split]
 
@@ -180,20 +181,11 @@ def _play_control(
     each: int,
     progress: Callable[[int, int], None],
 ) -> None:
-    """Play the fixed episodes of a split; rows of the other one stay."""
-    episodes = fixed_episodes(env, split, each)
-    rows = [row for row in read_rows(out) if row["split"] != split]
-    # Controls look at nothing, so nothing is rendered for them.
-    with contextlib.closing(PointNavEnv(replace(env, is_blind=True), split)) as world:
-        rows += play(
-            system,
-            CONTROLS[system],
-            world,
-            episodes,
-            split=split,
-            tick=lambda done: progress(done, len(episodes)),
-        )
-    write_rows(out, rows)
+    """Play the fixed episodes of a split that are not played yet; rows of the other one stay."""
+    player, episodes = control_player(system, env, out), make_episode_set(env, split, each)
+    with claimed(out):
+        rows = play_all((player,), episodes, 1, progress)
+        keep_rows(out, (player,), rows[player], episodes)
 
 
 def _num_floors(config: AgentConfig) -> dict[Split, int]:

@@ -11,7 +11,7 @@ from typing import Any
 
 from agent.benchmark.rows import TABLE, row_of
 from agent.config import AgentConfig
-from agent.systems.controls import CONTROLS
+from agent.systems.controls import CONTROL_NAMES
 from agent.systems.registry import SYSTEMS, load_agent_config
 from langwm_data.config_io import (
     CONFIG_FILE,
@@ -56,7 +56,7 @@ class Cell:
     @property
     def is_control(self) -> bool:
         """Whether nothing is trained."""
-        return self.system in CONTROLS
+        return self.system in CONTROL_NAMES
 
     @property
     def name(self) -> str:
@@ -120,7 +120,7 @@ def make_grid(
 
 def known_systems() -> list[str]:
     """Learners and controls, as listed in the table, then others of the registry."""
-    found = {*SYSTEMS, *CONTROLS}
+    found = {*SYSTEMS, *CONTROL_NAMES}
     return [name for name in TABLE if name in found] + sorted(found - set(TABLE))
 
 
@@ -179,7 +179,7 @@ def parse_maes(texts: Sequence[str]) -> dict[str, str]:
         ConfigError: If the system is unknown, learns nothing, or is named twice.
     """
     runs: dict[str, str] = {}
-    learners = [name for name in known_systems() if name not in CONTROLS]
+    learners = [name for name in known_systems() if name not in CONTROL_NAMES]
     for text in texts:
         name, equals, run = text.partition("=")
         if not equals:
@@ -196,8 +196,8 @@ def parse_maes(texts: Sequence[str]) -> dict[str, str]:
 
 def cells_of(grid: GridConfig) -> list[Cell]:
     """All cells: controls first, which cost little, then every system with the first seed, and so on."""
-    controls = [Cell(system, 0) for system in grid.systems if system in CONTROLS]
-    learners = [s for s in grid.systems if s not in CONTROLS]
+    controls = [Cell(system, 0) for system in grid.systems if system in CONTROL_NAMES]
+    learners = [s for s in grid.systems if s not in CONTROL_NAMES]
     return controls + [Cell(system, seed) for seed in grid.seeds for system in learners]
 
 

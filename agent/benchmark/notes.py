@@ -29,8 +29,7 @@ def table_notes(results: Results) -> list[str]:
         f" {base.env.camera.height} x {base.env.camera.width} pixels,"
         f" scored on goals {edges[0]:g} to {edges[-1]:g} m away on floors and textures never trained on."
         " Rows in italics are the paper's: 100,000 steps, 128 x 160 pixels, goals 1 to 10 m away, in another"
-        " simulator, without intervals. Compare the order of systems, not a number of one kind with one of"
-        " the other.",
+        " simulator, without intervals. The order of systems may be compared, numbers of the two may not.",
         "SR: success rate in per cent; on one floor with Wilson's interval over the episodes of all seeds."
         " Averages over floors: intervals from a bootstrap over seeds and then episodes, of rates never"
         " narrower than Wilson's. SPL: success weighted by path length. All intervals at 95 %.",

@@ -14,21 +14,21 @@ from agent.benchmark.grid import (
     parse_systems,
 )
 from agent.benchmark.rows import GROUPS, TABLE, in_table_order, row_of
-from agent.systems.controls import CONTROLS
+from agent.systems.controls import CONTROL_NAMES
 from agent.systems.registry import SYSTEMS
 from langwm_data.config_io import ConfigError
 
 
 def test_every_learner_and_control_is_known_and_the_table_lists_each_once():
-    assert set(known_systems()) == {*SYSTEMS, *CONTROLS}
+    assert set(known_systems()) == {*SYSTEMS, *CONTROL_NAMES}
     assert len(known_systems()) == len(set(known_systems()))
-    assert {row_of(name).group for name in CONTROLS} == {"control"}
+    assert {row_of(name).group for name in CONTROL_NAMES} == {"control"}
     assert {row.group for row in TABLE.values()} <= set(GROUPS)
 
 
 def test_without_names_all_systems_that_need_no_download_are_taken(monkeypatch):
     monkeypatch.setattr(grid_module, "SYSTEMS", dict.fromkeys(["langwm", "dreamerv2-grounding-dino", "mine"]))
-    assert parse_systems(None) == ("langwm", *(n for n in TABLE if n in CONTROLS), "mine")
+    assert parse_systems(None) == ("langwm", *(n for n in TABLE if n in CONTROL_NAMES), "mine")
     assert parse_systems("dreamerv2-grounding-dino, langwm,langwm") == ("dreamerv2-grounding-dino", "langwm")
 
 

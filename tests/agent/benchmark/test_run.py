@@ -36,7 +36,7 @@ def three_floors():
         yield
 
 
-def debug_grid(systems="langwm,random,turn-to-goal", seeds="0", assignments=()):
+def debug_grid(systems="langwm,random,oracle", seeds="0", assignments=()):
     request = Request(systems=systems, seeds=seeds)
     return make_grid(request, presets=["debug"], assignments=[*FRAMES, *assignments])
 
