@@ -109,7 +109,7 @@ class StoredEpisode:
         assert array.dtype == column.dtype
         assert array.shape[1:] == column.shape[1:]
         row = column.dtype.itemsize * int(np.prod(column.shape[1:], dtype=np.int64))
-        buffer, position = memoryview(array.reshape(-1).view(np.uint8)), column.offset + start * row
+        buffer, position = array.reshape(-1).view(np.uint8).data, column.offset + start * row
         while len(buffer):
             count = os.preadv(fd, [buffer], position)
             if count == 0:
@@ -158,7 +158,7 @@ def write_episode(path: Path, episode: ReplayEpisode) -> StoredEpisode:
         with atomic.atomic_path(path) as temporary, temporary.open("wb") as file:
             file.write(header)
             for array in arrays.values():
-                file.write(array.reshape(-1).view(np.uint8))
+                file.write(array.reshape(-1).view(np.uint8).data)
     except OSError as error:
         if error.errno is None or error.filename is not None:
             raise

@@ -3,7 +3,8 @@
 Nothing is random: the first frames and the actions say where the square will be. The model sees ``--context``
 frames of sequences that it has never met, and then imagines the rest from the actions alone. Prints the error
 of each imagined step beside three guesses: the mean of all frames, the last frame that was seen, and the
-frame of another sequence. ``--picture`` shows truth, what the memory tells while it sees, and what it imagines.
+frame of another sequence. ``--picture`` shows truth, what the memory tells while it sees, and what
+it imagines.
 
     python -m benchmarks.dreaming --updates 1500 --picture dreaming.png --out dreaming.json
 """
@@ -103,7 +104,7 @@ def _tell(model: WorldModel, feat: Tensor) -> Tensor:
 
 
 def score(batch: ModelBatch, imagined: Tensor, reward: Tensor, context: int) -> dict[str, list[float]]:
-    """Half squared error of a frame, summed, after 1, 2, ... imagined steps; and of the reward, its root mean."""
+    """Half squared error of a frame, summed, after 1, 2, ... imagined steps; and the reward's root mean."""
     truth = batch.target
     guesses = {
         "imagined": imagined,

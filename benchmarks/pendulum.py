@@ -1,10 +1,12 @@
-"""Do CURL and RAD learn from pixels? Gymnasium's Pendulum-v1, drawn as a bar on 32 x 32 pixels.
+"""Do CURL, RAD and DreamerV2 learn from pixels? Gymnasium's Pendulum-v1, drawn as a bar on 32 x 32 pixels.
 
-The task observation is one zero: angle and speed must come from the stack of frames. Networks are smaller
-than the default, everything else is the system's own. ``--blind`` blackens the frames: what is left then is
-what can be learned without seeing.
+The task observation is one zero: angle and speed must come from the stack of frames or from memory.
+Networks are smaller than the default; CURL and RAD have settings of their own otherwise, DreamerV2 learns
+faster, looks at shorter sequences, and is updated every other step. ``--blind`` blackens the frames: what is
+left then is what can be learned without seeing.
 
     python -m benchmarks.pendulum --system curl --steps 10000 --seed 0 --out curl-0.json
+    python -m benchmarks.pendulum --plot curves.png --runs curl-0.json rad-0.json
 """
 
 import argparse
@@ -18,6 +20,7 @@ import gymnasium
 import numpy as np
 import torch
 from gymnasium.wrappers import RescaleAction
+from matplotlib.figure import Figure
 
 from agent.config import AgentConfig, ReplayConfig
 from agent.replay import Replay, ReplayEpisode
@@ -30,15 +33,42 @@ SIZE = 32
 REWARD_SCALE = 0.1
 """The rewards lie between -16 and 0."""
 NETWORKS = {"filters": 16, "hidden": 256, "batch_size": 64}
+SMALL = {"layers": 2, "units": 128}
+DREAMER = {
+    "prefill_steps": 1000,
+    "update_every": 2,
+    "batch_length": 16,
+    "finetune": {"augment": {"padding_px": 2}},
+    "world_model": {
+        "pixels": {"channels": 8},
+        "rssm": {"num_latents": 16, "num_classes": 16, "deter": 128, "hidden": 128},
+        "head": SMALL,
+        "task": {"layers": 1, "units": 8, "scale": [1.0]},
+        "loss_scales": {"task": 0.0, "reward": 10.0},
+        "reward_transform": "identity",
+        "learning_rate": 1e-3,
+    },
+    "behavior": {
+        "actor": SMALL,
+        "critic": SMALL,
+        "entropy_scale": 1e-3,
+        "actor_learning_rate": 3e-4,
+        "critic_learning_rate": 3e-4,
+        "slow_critic_every": 50,
+    },
+}
+"""What the systems on pixels change: their networks and how fast they learn."""
 EVAL_SEED = 10_000
 
 
-class PixelPendulum(gymnasium.ObservationWrapper):
+class PixelPendulum(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     """The pendulum as a picture; its goal is to stand."""
 
     def __init__(self, *, is_blind: bool = False) -> None:
-        super().__init__(RescaleAction(gymnasium.make("Pendulum-v1"), -1.0, 1.0))
         self.is_blind = is_blind
+        limits = np.float32(-1), np.float32(1)
+        self._env = RescaleAction(gymnasium.make("Pendulum-v1"), *limits)
+        self.action_space = self._env.action_space
         self.observation_space = gymnasium.spaces.Dict(
             rgb=gymnasium.spaces.Box(0, 255, (SIZE, SIZE, 3), np.uint8),
             task=gymnasium.spaces.Box(0, 1, (1,), np.float32),
@@ -46,7 +76,19 @@ class PixelPendulum(gymnasium.ObservationWrapper):
         axis = (np.arange(SIZE) + 0.5) / SIZE * 2 - 1
         self._x, self._y = np.meshgrid(axis, -axis)
 
-    def observation(self, observation: np.ndarray) -> dict[str, np.ndarray]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        super().reset(seed=seed)
+        observation, info = self._env.reset(seed=seed)
+        return self.draw(observation), info
+
+    def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
+        observation, reward, terminated, truncated, info = self._env.step(action)
+        return self.draw(observation), float(reward), terminated, truncated, info
+
+    def draw(self, observation: np.ndarray) -> dict[str, np.ndarray]:
+        """A bar from the middle; upright at angle 0, to the left at a quarter turn."""
         cosine, sine, _ = observation
         along = np.clip(self._y * cosine - self._x * sine, 0, 0.8)
         distance = np.hypot(self._x + along * sine, self._y - along * cosine)
@@ -63,7 +105,7 @@ def play(env: PixelPendulum, act: Any, seed: int) -> tuple[ReplayEpisode, float]
         actions.append(act(obs))
         obs, reward, _, is_over, _ = env.step(actions[-1])
         observations.append(obs)
-        rewards.append(float(reward))
+        rewards.append(reward)
     episode = ReplayEpisode(
         rgb=np.stack([o["rgb"] for o in observations]),
         task=np.stack([o["task"] for o in observations]),
@@ -137,20 +179,43 @@ def learn(env: PixelPendulum, config: AgentConfig, episodes: int, every: int) ->
     return rows
 
 
+def plot(runs: list[Path], path: Path) -> None:
+    """Mean return with the range over episodes, one curve for each run."""
+    figure = Figure(figsize=(6, 3.5), layout="constrained")
+    axes = figure.subplots()
+    held: dict[str, Any] = {}
+    for run in runs:
+        held = json.loads(run.read_text())
+        name = f"{held['system']}{' (blind)' if held['is_blind'] else ''}, seed {held['seed']}"
+        step, mean, least, most = ([r[k] for r in held["rows"]] for k in ("step", "return", "least", "most"))
+        (line,) = axes.plot(step, mean, marker="o", markersize=3, label=name)
+        axes.fill_between(step, least, most, alpha=0.12, color=line.get_color())
+    axes.axhline(held["random"], color="gray", linestyle=":", label="random actions")
+    axes.set(xlabel="environment steps", ylabel="return")
+    axes.legend()
+    figure.savefig(path, dpi=100)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--system", choices=["curl", "rad"], default="curl")
+    parser.add_argument("--system", choices=["curl", "rad", "dreamerv2", "dreamerv2-da"], default="curl")
     parser.add_argument("--steps", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--blind", action="store_true")
     parser.add_argument("--every", type=int, default=1000, help="steps between two evaluations")
     parser.add_argument("--episodes", type=int, default=10, help="of one evaluation")
     parser.add_argument("--out", type=Path)
+    parser.add_argument("--plot", type=Path, help="draw the curves of --runs, learn nothing")
+    parser.add_argument("--runs", type=Path, nargs="+", default=[])
     asked = parser.parse_args()
+    if asked.plot is not None:
+        plot(asked.runs, asked.plot)
+        return
     torch.set_num_threads(1)
 
-    overrides = {"steps": asked.steps, "seed": asked.seed, "sac": NETWORKS}
-    overrides |= {"world_model": {"task": {"scale": [1.0]}}}
+    is_dreamer = asked.system.startswith("dreamer")
+    sizes = DREAMER if is_dreamer else {"sac": NETWORKS, "world_model": {"task": {"scale": [1.0]}}}
+    overrides = {"steps": asked.steps, "seed": asked.seed, **sizes}
     config = load_agent_config(asked.system, overrides=overrides)
     env = PixelPendulum(is_blind=asked.blind)
     by_chance = float(np.mean(random_returns(env, asked.episodes)))

@@ -198,7 +198,7 @@ def _make_linear(in_features: int, out_features: int) -> nn.Linear:
 def _make_conv(in_channels: int, out_channels: int, stride: int) -> nn.Conv2d:
     """Orthogonal in the middle of the kernel, zero around it. Source: arXiv 1806.05393."""
     conv = nn.Conv2d(in_channels, out_channels, KERNEL, stride)
-    nn.init.zeros_(conv.weight)
-    nn.init.zeros_(conv.bias)
+    for weight in conv.parameters():
+        nn.init.zeros_(weight)
     nn.init.orthogonal_(conv.weight[:, :, KERNEL // 2, KERNEL // 2], gain=nn.init.calculate_gain("relu"))
     return conv
