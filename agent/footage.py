@@ -2,9 +2,9 @@
 
 import contextlib
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import cv2
 import gymnasium
@@ -88,36 +88,26 @@ def write_video(path: Path, frames: Sequence[Picture], frames_per_s: float) -> N
 def _frames(env: gymnasium.Env, policy: Policy, episode: Episode) -> Iterator[Picture]:
     obs, info = env.reset(options={"episode": episode})
     world = cast("PointNavEnv", env.unwrapped)
-    plan, radius_m = (
-        FloorPicture(load_scene(episode.scene, world.config), HEIGHT_PX),
-        world.config.success_radius_m,
-    )
+    plan = FloorPicture(load_scene(episode.scene, world.config), HEIGHT_PX)
     best, poses, state, is_over = world.field.path(episode.start_xy), [info["pose"]], None, False
-    frame = _compose(plan, obs, poses, info, best, radius_m)
-    while not is_over:
+    goal, radius_m = (float(info["goal"][0]), float(info["goal"][1])), world.config.success_radius_m
+    while True:
+        positions = np.stack(poses)[:, :2]
+        walk = Walk(positions=positions, goal=goal, is_success=bool(info["success"]) or not is_over)
+        frame = np.concatenate([_view(obs["rgb"]), plan.draw([walk], radius_m, best)], axis=1)
+        if is_over:
+            break
         yield frame
         action, state = policy(obs, state)
         obs, _, terminated, truncated, info = env.step(action)
         poses.append(info["pose"])
         is_over = terminated or truncated
-        frame = _compose(plan, obs, poses, info, best, radius_m)
     yield from [frame] * LAST_FRAME_REPEATS
 
 
-def _compose(
-    plan: FloorPicture,
-    obs: Mapping[str, np.ndarray],
-    poses: Sequence[np.ndarray],
-    info: Mapping[str, Any],
-    best: np.ndarray,
-    radius_m: float,
-) -> Picture:
-    rgb = obs["rgb"]
+def _view(rgb: Picture) -> Picture:
     width = round(HEIGHT_PX * rgb.shape[1] / rgb.shape[0])
-    view = cv2.resize(rgb, (width, HEIGHT_PX), interpolation=cv2.INTER_NEAREST)
-    goal = (float(info["goal"][0]), float(info["goal"][1]))
-    walk = Walk(positions=np.stack(poses)[:, :2], goal=goal, is_success=bool(info["success"]))
-    return np.concatenate([view, plan.draw([walk], radius_m, best)], axis=1)
+    return cv2.resize(rgb, (width, HEIGHT_PX), interpolation=cv2.INTER_NEAREST)
 
 
 def _spread(num: int, count: int) -> list[int]:

@@ -17,12 +17,17 @@ from langwm_data.scenes.navigation import FreeSpace
 
 LOOK_AHEAD_M = 1.5
 """It aims at the farthest point of the way within this distance that it can drive to straight."""
-NEAREST_M = 0.1
-"""Nearer points of the way count as passed: two steps on, it would have to turn back to them."""
+NEAREST_M = 0.06
+"""It has come to a point that is nearer: a step on, it would have to turn back to it."""
+BESIDE_M = 0.03
+"""So far beside a straight drive there must be room as well: a free cell is free at its middle only."""
 SAMPLE_M = 0.02
 """Distance of the points at which a straight drive is looked at."""
 TURN_ABOVE_RAD = math.radians(20)
 """Beyond this bearing it turns on the spot."""
+
+Target = Float64[np.ndarray, " 2"]
+"""The point that it drives to, which is what it remembers."""
 
 
 def make_oracle(env: gymnasium.Env) -> Policy:
@@ -40,14 +45,17 @@ def make_oracle(env: gymnasium.Env) -> Policy:
             f"the oracle needs PointNavEnv, which knows the way; {type(world).__name__} does not"
         )
 
-    def act(obs: Mapping[str, np.ndarray], state: None) -> tuple[np.ndarray, None]:
+    def act(obs: Mapping[str, np.ndarray], state: Target | None) -> tuple[np.ndarray, Target]:
         place = np.array(world.robot.xy)
-        target = _aim(world, place)
+        target = state
+        # Once aimed at, a point is driven to: beside a narrow sight the shortest way leads back into it.
+        if target is None or world.robot.is_collision or math.dist(target, place) < NEAREST_M:
+            target = _aim(world, place)
         towards = math.atan2(*(target - place)[::-1])
         bearing = math.remainder(towards - world.robot.yaw, 2 * math.pi)
         turn = bearing / (world.config.max_angular_rad_s * world.config.step_s)
         speed = 0.0 if abs(bearing) > TURN_ABOVE_RAD else 1.0
-        return np.clip([speed, turn], -1, 1).astype(np.float32), None
+        return np.clip([speed, turn], -1, 1).astype(np.float32), target
 
     return act
 
@@ -68,9 +76,13 @@ def _aim(world: PointNavEnv, place: Float64[np.ndarray, " 2"]) -> Float64[np.nda
 
 
 def _is_clear(space: FreeSpace, start: NDArray[np.float64], end: NDArray[np.float64]) -> bool:
-    """Whether the cells along a straight line are free, the one it begins in left out."""
+    """Whether the cells along a straight line and beside it are free, the one it begins in left out."""
+    along = end - start
+    beside = BESIDE_M * np.array([-along[1], along[0]]) / max(float(np.hypot(*along)), 1e-9)
     count = max(2, math.ceil(math.dist(start, end) / SAMPLE_M))
-    points = start + np.linspace(0, 1, count + 1)[1:, None] * (end - start)
+    middle = start + np.linspace(0, 1, count + 1)[1:, None] * along
+    points = np.concatenate([middle, middle + beside, middle - beside])
     cells = np.floor((points - space.origin) / space.resolution_m).astype(int)
     cells = cells[(cells != space.cell(start)).any(axis=1)]
-    return bool(space.grid[tuple(cells.T)].all())
+    is_inside = (cells >= 0).all() and (cells < space.grid.shape).all()
+    return bool(is_inside and space.grid[tuple(cells.T)].all())

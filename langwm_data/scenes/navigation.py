@@ -260,8 +260,8 @@ def obstacle_polygons(scene: SceneSpec, robot: RobotConfig) -> list[Array]:
 def floor_plan(scene: SceneSpec) -> list[tuple[str, Array]]:
     """A scene seen from above, to be drawn in this order: category and convex polygon (N, 2).
 
-    Floors come first, then things from low to high, then walls; ceilings and what hangs from them
-    are left out.
+    Floors come first, then things from low to high, then walls; ceilings, what hangs from them and walls
+    above doors and windows are left out.
     """
     shapes: list[tuple[float, str, Array]] = []
     table = scene.instances()
@@ -269,7 +269,9 @@ def floor_plan(scene: SceneSpec) -> list[tuple[str, Array]]:
         category = table[instance][0]
         if category in ("ceiling", "ceiling_lamp"):
             continue
-        top = float(Boxes.of_parts([(position, orientation, part)]).bounds[0, 1, 2])
+        bottom, top = Boxes.of_parts([(position, orientation, part)]).bounds[0, :, 2].tolist()
+        if category == "wall" and bottom > 0:
+            continue
         order = {"floor": -1.0, "wall": 99.0}.get(category, top)
         shapes.append((order, category, part_polygon(position, orientation, part)))
     return [(category, polygon) for _, category, polygon in sorted(shapes, key=lambda s: s[0])]

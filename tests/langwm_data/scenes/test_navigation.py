@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from langwm_data.config import RobotConfig
+from langwm_data.scenes.geometry import point_polygon_distance
 from langwm_data.scenes.homes import make_home
 from langwm_data.scenes.navigation import FreeSpace, floor_plan, obstacle_polygons
 from langwm_data.scenes.spec import (
@@ -217,6 +218,14 @@ def test_floor_plan_draws_floors_first_and_walls_last():
     assert "ceiling" not in names
     assert {"door", "window"} <= set(names)
     assert all(polygon.ndim == 2 and polygon.shape[1] == 2 for _, polygon in shapes)
+
+
+def test_floor_plan_leaves_doorways_open():
+    scene = make_home("Rowan_0", seed=0)
+    walls = [polygon for category, polygon in floor_plan(scene) if category == "wall"]
+    for doorway in scene.doorways:
+        middle = np.array([doorway.center])
+        assert all(point_polygon_distance(middle, wall)[0] > 0.2 for wall in walls)
 
 
 def test_obstacles_leave_out_rugs_and_ceiling_lamps():
