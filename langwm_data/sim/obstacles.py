@@ -79,7 +79,7 @@ class SolidObstacles:
         return self._numbers[self._rects.near(xy, self._radius_m + reach_m)].tolist()
 
     def gap(self, number: int, xy: XY, within_m: float) -> PlanarGap | None:
-        """How a robot at ``xy`` stands to the solid of that number; None too if it drives over or under it."""
+        """How a robot at ``xy`` stands to that solid; None too if it drives over or under it."""
         body = Solid(shape=self._shape, is_hull=False, position=(*xy, self._middle_m))
         gap = self._solids.gap_from(body, number, within_m)
         if gap is None or (gap.distance >= 0 and math.hypot(*gap.normal[:2]) < _LEVEL):

@@ -74,7 +74,7 @@ class World:
     def step(
         self, linear_m_s: float, angular_rad_s: float, dt: float = 0.1, *, turns_first: bool = False
     ) -> RobotState:
-        """Drive with the given speeds for ``dt`` seconds: along an arc, or straight after turning on the spot."""
+        """Drive with the given speeds for ``dt`` seconds: along an arc, or first turning, then straight."""
         curving = angular_rad_s
         if turns_first:
             self._yaw, curving = self._yaw + angular_rad_s * dt, 0.0

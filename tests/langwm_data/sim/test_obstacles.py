@@ -62,7 +62,9 @@ def test_both_ways_give_the_same_gaps_to_upright_boxes(small_scene):
         assert len(found[0]) == len(found[1])
         for ours, theirs in zip(*found, strict=True):
             met += 1
-            assert tuple(ours) == pytest.approx(tuple(theirs), abs=2e-4), xy
+            assert ours.distance == pytest.approx(theirs.distance, abs=1e-3)
+            # PyBullet's directions are less exact than its distances.
+            assert (ours.x, ours.y) == pytest.approx((theirs.x, theirs.y), abs=0.02)
     solids.close()
     assert met > 60
 
