@@ -1,6 +1,7 @@
 """What the agent is told of its task, and the space of all observations."""
 
 import math
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
@@ -12,7 +13,7 @@ from langwm_data.sim.world import RobotState
 XY = tuple[float, float]
 
 
-def observation_space(config: EnvConfig) -> spaces.Dict:
+def observation_space(config: EnvConfig) -> spaces.Space[Any]:
     """``rgb``, ``depth`` and ``task``."""
     size = (config.camera.height, config.camera.width)
     high = [np.inf, math.pi, *speed_limits(config)]
