@@ -119,6 +119,10 @@ def inspect_command(
         raise typer.BadParameter("--gallery and --plots are of the whole dataset; give them without a key")
     if out is not None and key is None and not rerun:
         raise typer.BadParameter("--out is for one frame or --rerun; give a key, --gallery or --plots")
+    if rerun:
+        from langwm_data.shards.rerun_view import import_rerun
+
+        import_rerun()  # refused before anything is printed or written
     if key is not None:
         _inspect_frame(data, key, None if rerun else out)
     else:
@@ -232,13 +236,13 @@ def train_agent_command(
     fresh: Fresh = False,
 ) -> None:
     """Train a world model and an actor-critic for PointGoal navigation."""
-    from agent.config import AgentConfig
+    from agent.systems.registry import load_agent_config
     from agent.train import train_agent
 
-    flags = {"system": system, "mae": None if mae is None else str(mae), "features": features}
+    flags: dict[str, Any] = {"mae": None if mae is None else str(mae), "features": features}
     flags |= {"steps": steps, "seed": seed}
     flags["env"] = None if data is None else {"scenes": {"baked": str(data)}}
-    config = _load(AgentConfig, "agent", preset, assignments, flags)
+    config = load_agent_config(system, presets=preset, overrides=_overrides(flags, assignments))
     with _progress("environment steps") as progress:
         path = train_agent(config, out, fresh=fresh, progress=progress)
     typer.echo(f"agent at {path}; score it with: langwm evaluate-agent {path}")
@@ -274,10 +278,18 @@ def demo_command(
 
 
 @app.command("doctor")
-def doctor_command() -> None:
+def doctor_command(
+    furniture: Annotated[
+        Path | None,
+        typer.Option("--furniture", file_okay=False, help="Say what homes would use of these catalogues."),
+    ] = None,
+) -> None:
     """Say what this machine has and what is missing."""
-    from agent.doctor import diagnose
+    from agent.doctor import describe_furniture, diagnose
 
+    if furniture is not None:
+        typer.echo(describe_furniture(furniture))
+        return
     lines = diagnose()
     for line in lines:
         typer.echo(f"{'ok  ' if line.is_ok else 'MISS'} {line.name}: {line.detail}")
@@ -369,11 +381,16 @@ def _verify(data: Path, *, repair: bool, rerender: int, workers: int) -> "Verify
 
 
 def _load(cls: type[T], package: str, presets: list[str], assignments: list[str], flags: dict[str, Any]) -> T:
-    """Presets, then flags that were given, then --set, which is the most explicit of all."""
+    """Presets, then flags and --set."""
+    return load_config(cls, package, presets=presets, overrides=_overrides(flags, assignments))
+
+
+def _overrides(flags: dict[str, Any], assignments: list[str]) -> dict[str, Any]:
+    """Flags that were given, then --set, which is the most explicit of all."""
     overrides = {name: value for name, value in flags.items() if value is not None}
     for text in assignments:
         overrides = merge(overrides, parse_assignment(text))
-    return load_config(cls, package, presets=presets, overrides=overrides)
+    return overrides
 
 
 def _fail(message: str, code: int) -> int:

@@ -9,7 +9,7 @@ import gymnasium
 
 if TYPE_CHECKING:
     from agent.evaluate import evaluate_agent
-    from agent.systems.langwm import Agent
+    from agent.systems.agent import Agent
     from agent.train import train_agent
 
 __all__ = ["Agent", "evaluate_agent", "train_agent"]
@@ -20,7 +20,7 @@ gymnasium.register(id="LangWM/PointNav-v0", entry_point="agent.envs.pointnav:Poi
 def __getattr__(name: str) -> Any:  # noqa: ANN401
     """Import what is asked for only then, so that the command line answers at once."""
     if name == "Agent":
-        from agent.systems.langwm import Agent
+        from agent.systems.agent import Agent
 
         return Agent
     if name == "evaluate_agent":

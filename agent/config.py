@@ -172,6 +172,11 @@ class RSSMConfig:
     hidden: PositiveInt = 1024
     """Width of the layers around it."""
 
+    @property
+    def feat_dim(self) -> int:
+        """Width of the state as heads, actor and critic read it."""
+        return self.num_latents * self.num_classes + self.deter
+
 
 @config
 class MLPConfig:
@@ -196,7 +201,9 @@ class TaskConfig:
 
 @config
 class LossScales:
-    """Weights of the world model's loss terms; the keys are the terms."""
+    """Weights of the world model's loss terms; the keys are the terms. A system has those of its own
+    observation model beside task, reward, discount and KL.
+    """
 
     token: NonNegative = 1.0
     """Image tokens from the state. Source: Eq. 5; method notes, decision 17."""
@@ -285,11 +292,16 @@ class FinetuneConfig:
             )
 
 
+SystemName = Literal["langwm"]
+"""Everything that ``train-agent --system`` knows; ``agent.systems.registry`` holds what each name means."""
+
+
 @config
 class AgentConfig:
     """One training run of an agent."""
 
-    system: Literal["langwm"] = "langwm"
+    system: SystemName = "langwm"
+    """What learns; each has an overlay in ``presets/systems`` that makes it what it is."""
     steps: PositiveInt = 100_000
     """Environment steps, the prefill included. Source: Sec. 4.1; method notes, decision 24."""
     seed: int = 0

@@ -18,6 +18,7 @@ import torch
 from agent.config import AgentConfig
 from agent.evaluate import EVAL_FOLDER, evaluate_run, read_rows
 from agent.report import AGENT, DATA, MAE, PANELS_FILE, PROBE, PROBE_FILE, write_report
+from agent.systems.registry import load_agent_config
 from agent.train import train_agent
 from langwm_data import atomic
 from langwm_data.config import DatasetConfig
@@ -69,7 +70,7 @@ def load_stages(preset: str, seed: int, out: Path) -> DemoStages:
     return DemoStages(
         dataset=load_config(DatasetConfig, "langwm_data", presets=[preset], overrides={"seed": seed}),
         pretrain=load_config(PretrainConfig, "pretrain", presets=[preset], overrides={"seed": seed}),
-        agent=load_config(AgentConfig, "agent", presets=[preset], overrides=agent),
+        agent=load_agent_config("langwm", presets=[preset], overrides=agent),
     )
 
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from langwm_data.config import RenderConfig
+from langwm_data.scenes.assets import cache_folder
+from langwm_data.scenes.catalogue.offer import Furniture
 from langwm_data.sim.bullet import import_pybullet
 from langwm_data.sim.render import describe_renderer
 
@@ -37,6 +39,15 @@ def diagnose() -> list[Finding]:
         Finding(name="free disk here", is_ok=free > 2e9, detail=f"{free / 1e9:.1f} GB (the demo takes 1 GB)")
     )
     return findings
+
+
+def describe_furniture(folder: Path) -> str:
+    """What homes would use of the catalogues in ``folder``, and by name what they would not, and why.
+
+    Raises:
+        ValueError: If there is no catalogue, or one is damaged.
+    """
+    return Furniture(folder, cache_folder()).report()
 
 
 def _package(name: str) -> Finding:

@@ -19,8 +19,8 @@ from agent.envs.episodes import EPISODES_VERSION, Episode, fixed_episodes
 from agent.envs.pointnav import PointNavEnv
 from agent.rollout import EpisodeRecord, Policy, run_episode
 from agent.statistics import wilson_interval
+from agent.systems.agent import Agent
 from agent.systems.controls import CONTROLS
-from agent.systems.langwm import Agent
 from langwm_data import atomic
 from langwm_data.config_io import CONFIG_FILE, ConfigError, load_config_file
 from langwm_data.scenes.spec import Split

@@ -17,11 +17,12 @@ from agent.config import AgentConfig
 from agent.envs.episodes import fixed_episodes
 from agent.envs.pointnav import PointNavEnv
 from agent.evaluate import play, summarise
+from agent.systems.agent import Agent
 from agent.systems.controls import CONTROLS
-from agent.systems.langwm import Agent
 from agent.train import train_agent
+from langwm_data.baking import open_scenes
+from langwm_data.config import ScenesConfig
 from langwm_data.config_io import load_config
-from langwm_data.sim.world import bake_home
 from pretrain.batch import TextTokens
 from pretrain.config import MAEConfig, TextConfig
 from pretrain.mae import LanguageGroundedMAE
@@ -59,7 +60,7 @@ def main() -> None:
     env = {"is_blind": True, "camera": {"height": FRAME_PX, "width": FRAME_PX}}
     overrides = {"steps": asked.steps, "seed": asked.seed, "mae": str(mae), "env": env}
     config = load_config(AgentConfig, "agent", presets=["tiny"], overrides=overrides)
-    scene = dataclasses.replace(bake_home(SCENE, seed=0), objects=())
+    scene = dataclasses.replace(open_scenes(ScenesConfig()).load(SCENE), objects=())
     run = train_agent(config, asked.out / "run", env=PointNavEnv(config.env, scenes=[scene]))
 
     episodes = [row for row in read_metrics(run) if "env/return" in row]

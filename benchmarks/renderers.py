@@ -13,7 +13,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from langwm_data.config import CameraConfig, RenderConfig, RobotConfig
+from langwm_data.baking import open_scenes
+from langwm_data.config import CameraConfig, RenderConfig, RobotConfig, ScenesConfig
 from langwm_data.scenes.navigation import FreeSpace
 from langwm_data.scenes.spec import (
     MaterialRef,
@@ -28,7 +29,6 @@ from langwm_data.scenes.splits import sample_palette
 from langwm_data.sim.camera import Camera
 from langwm_data.sim.render import Renderer, describe_renderer, make_renderer
 from langwm_data.sim.scene_mesh import scene_mesh
-from langwm_data.sim.world import bake_home
 
 NUM_VIEWS = 32
 HOME = "Elm_0"
@@ -135,7 +135,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=5.0)
     asked = parser.parse_args()
     scenes = [
-        bake_home(HOME, seed=0),
+        open_scenes(ScenesConfig()).load(HOME),
         room("boxes", "box", 70, 0.8),
         room("many", "ellipsoid", 200, 0.9),
     ]

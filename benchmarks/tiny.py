@@ -13,13 +13,13 @@ import torch
 
 from agent.config import EnvConfig
 from agent.envs.pointnav import PointNavEnv
-from langwm_data.config import DatasetConfig, RobotConfig
+from langwm_data.baking import open_scenes
+from langwm_data.config import DatasetConfig, RobotConfig, ScenesConfig
 from langwm_data.config_io import load_config
 from langwm_data.labels.instances import label_frame
 from langwm_data.scenes.navigation import FreeSpace
 from langwm_data.sim.camera import Camera
 from langwm_data.sim.render import make_renderer
-from langwm_data.sim.world import bake_home
 from pretrain.batch import FrameBatch, FrameObject
 from pretrain.config import PretrainConfig
 from pretrain.language import FrozenText
@@ -43,7 +43,7 @@ def report(name: str, unit: str, per_repeat: int, work: Callable[[], object]) ->
 
 
 def bench_rendering(config: DatasetConfig) -> list:
-    scene = bake_home(SCENE, seed=0)
+    scene = open_scenes(ScenesConfig()).load(SCENE)
     free, rng = FreeSpace.from_scene(scene, robot=RobotConfig()), np.random.default_rng(0)
     cameras = [Camera.on_robot(config.camera, tuple(free.sample(rng)), rng.uniform(-3, 3)) for _ in range(50)]
     renderer = make_renderer(config.render)
@@ -105,7 +105,7 @@ def bench_pretraining(config: PretrainConfig, seen: list) -> None:
 
 
 def bench_environment() -> None:
-    scene, action = bake_home(SCENE, seed=0), np.array([0.2, 0.3], np.float32)
+    scene, action = open_scenes(ScenesConfig()).load(SCENE), np.array([0.2, 0.3], np.float32)
     for is_blind in (False, True):
         env = PointNavEnv(EnvConfig(is_blind=is_blind, max_steps=100_000), scenes=[scene])
         env.reset(seed=0)

@@ -34,22 +34,22 @@ def config(cls: type[T]) -> type[T]:
     return dataclass(frozen=True, kw_only=True)(cls)
 
 
-def preset_names(package: str) -> list[str]:
-    """Names of the presets that ``package`` ships."""
-    folder = resources.files(package) / "presets"
-    return sorted(p.name.removesuffix(".yaml") for p in folder.iterdir() if p.name.endswith(".yaml"))
+def preset_names(package: str, folder: str = "presets") -> list[str]:
+    """Names of the presets that ``package`` ships in ``folder``."""
+    files = (resources.files(package) / folder).iterdir()
+    return sorted(p.name.removesuffix(".yaml") for p in files if p.name.endswith(".yaml"))
 
 
-def load_preset(package: str, name: str) -> dict[str, Any]:
+def load_preset(package: str, name: str, folder: str = "presets") -> dict[str, Any]:
     """The nested values of one preset.
 
     Raises:
         ConfigError: If ``package`` has no preset of that name.
     """
-    known = preset_names(package)
+    known = preset_names(package, folder)
     if name not in known:
         raise ConfigError(f"--preset {name!r} is unknown; allowed: {', '.join(known)}")
-    text = (resources.files(package) / "presets" / f"{name}.yaml").read_text("utf-8")
+    text = (resources.files(package) / folder / f"{name}.yaml").read_text("utf-8")
     return yaml.safe_load(text) or {}
 
 

@@ -5,6 +5,7 @@ import shutil
 import tempfile
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from langwm_data.scenes.spec import (
     DoorwaySpec,
@@ -16,6 +17,9 @@ from langwm_data.scenes.spec import (
     SceneSpec,
     SurfaceSpec,
 )
+
+settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any machine")
 
 WALL, FLOOR, CEILING, WOOD, CLOTH, STEEL = range(6)
 LEVEL = (0.0, 0.0, 0.0, 1.0)

@@ -147,3 +147,16 @@ def test_plain_progress_says_rate_and_remaining_time(capsys):
     assert lines[0].startswith("0/100 frames")
     assert lines[-1].startswith("100/100 frames")
     assert len(lines) == 2
+
+
+def test_doctor_says_what_homes_use_of_catalogues(tmp_path, capsys):
+    assert cli.run(["doctor", "--furniture", str(tmp_path)]) == 2
+    assert "langwm: " in capsys.readouterr().err
+
+
+def test_inspect_without_the_viewer_prints_nothing_first(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    assert cli.run(["inspect", "anywhere", "--rerun"]) == 2
+    heard = capsys.readouterr()
+    assert heard.out == ""
+    assert "--rerun needs the Rerun SDK" in heard.err

@@ -1,16 +1,51 @@
 """From image tokens and task observation to one vector per step, and back.
 
-Owns the pooling transformer autoencoder and the task observation's two perceptrons. The image
-tokens come from the MAE and are never changed here.
+Owns the pooling transformer autoencoder and the encoder of the task observation. The image tokens come
+from the MAE and are never changed here.
 """
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from agent.config import PoolingConfig, TaskConfig
+from agent.config import PoolingConfig, TaskConfig, WorldModelConfig
 from agent.models.nets import make_linear, make_mlp
+from agent.models.observation import ObservationModel
 from pretrain.transformer import Transformer
+
+
+class TokenModel(ObservationModel):
+    """Tokens pooled into one vector, and told again from that vector and from the state.
+
+    Source: Table 3; method notes, decision 16.
+    """
+
+    def __init__(self, config: WorldModelConfig, *, num_tokens: int, token_dim: int, task_dim: int) -> None:
+        super().__init__()
+        self.encoder = PoolingEncoder(config.pooling, config.task, token_dim, task_dim)
+        self.embed_dim = self.encoder.embed_dim
+        self.decoder = TokenDecoder(
+            config.pooling,
+            num_tokens=num_tokens,
+            visual_dim=token_dim,
+            embed_dim=self.embed_dim,
+            feat_dim=config.rssm.feat_dim,
+        )
+
+    def embed(self, visual: Float[Tensor, "B N V"], task: Float[Tensor, "B P"]) -> Float[Tensor, "B E"]:
+        """Pool the tokens of a frame and the task token."""
+        return self.encoder(visual, task)
+
+    def losses(
+        self, target: Float[Tensor, "B N V"], embed: Float[Tensor, "B E"], feat: Float[Tensor, "B F"]
+    ) -> dict[str, Float[Tensor, ""]]:
+        """Squared errors of the tokens, summed over channels and averaged over tokens, as MWM's are."""
+        from_state = self.decoder(self.decoder.from_state(feat))
+        from_embed = self.decoder(self.decoder.from_embed(embed))
+        return {
+            "token": (from_state - target).square().sum(-1).mean(),
+            "pool": (from_embed - target).square().sum(-1).mean(),
+        }
 
 
 class PoolingEncoder(nn.Module):

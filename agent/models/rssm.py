@@ -55,7 +55,7 @@ class RSSM(nn.Module):
         super().__init__()
         self.config = config
         num_logits = config.num_latents * config.num_classes
-        self.feat_dim = num_logits + config.deter
+        self.feat_dim = config.feat_dim
         self.action_dim = action_dim
         self.stoch_in = make_linear(num_logits, config.hidden)
         self.action_in = nn.Linear(action_dim, config.hidden, bias=False)

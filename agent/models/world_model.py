@@ -1,6 +1,6 @@
-"""The world model: pooled features, memory and heads, and the loss that trains them.
+"""The world model: observation model, memory and heads, and the loss that trains them.
 
-Owns no optimizer and never touches the MAE: image tokens arrive detached.
+Owns no optimizer and never touches what perceives: the visual input arrives detached.
 """
 
 import dataclasses
@@ -13,8 +13,8 @@ from torch.nn import functional as F
 
 from agent.config import WorldModelConfig
 from agent.models.distributions import categorical_entropy, symexp
-from agent.models.encoder import PoolingEncoder, TokenDecoder
 from agent.models.nets import make_mlp
+from agent.models.observation import ObservationModel
 from agent.models.rssm import RSSM, Latent, balanced_kl
 from pretrain.losses import symlog
 
@@ -25,7 +25,10 @@ Metrics = dict[str, float]
 class ModelBatch:
     """Sequences as the world model sees them: ``action[:, t]`` led to step t and ``reward[:, t]``."""
 
-    tokens: Float[Tensor, "B T N V"]
+    visual: Float[Tensor, "B T ..."]
+    """What is seen: tokens, pixels or a vector, as the observation model wants it."""
+    target: Float[Tensor, "B T ..."]
+    """What must be told again; ``visual`` itself where nothing was augmented."""
     task: Float[Tensor, "B T P"]
     action: Float[Tensor, "B T A"]
     reward: Float[Tensor, "B T"]
@@ -34,36 +37,27 @@ class ModelBatch:
 
 
 class WorldModel(nn.Module):
-    """Pooling encoder, RSSM, decoders of image tokens and task observation, reward and discount heads.
+    """Observation model, RSSM, decoder of the task observation, reward and discount heads.
 
     Source: Eq. 4, Eq. 5, Table 3.
     """
 
-    def __init__(
-        self, config: WorldModelConfig, *, num_tokens: int, token_dim: int, task_dim: int, action_dim: int
-    ) -> None:
+    def __init__(self, config: WorldModelConfig, observation: ObservationModel, *, action_dim: int) -> None:
         super().__init__()
         self.config = config
-        pooling, head, task = config.pooling, config.head, config.task
-        self.encoder = PoolingEncoder(pooling, task, token_dim, task_dim)
-        self.rssm = RSSM(config.rssm, self.encoder.embed_dim, action_dim)
+        head, task, task_dim = config.head, config.task, len(config.task.scale)
+        self.observation = observation
+        self.rssm = RSSM(config.rssm, observation.embed_dim, action_dim)
         feat_dim = self.rssm.feat_dim
-        self.token_decoder = TokenDecoder(
-            pooling,
-            num_tokens=num_tokens,
-            visual_dim=token_dim,
-            embed_dim=self.encoder.embed_dim,
-            feat_dim=feat_dim,
-        )
         self.task_decoder = make_mlp(feat_dim, task.units, task.layers, task_dim)
         self.reward_head = make_mlp(feat_dim, head.units, head.layers, 1)
         self.discount_head = make_mlp(feat_dim, head.units, head.layers, 1)
         self.register_buffer("task_scale", torch.tensor(task.scale), persistent=False)
         self.task_scale: Tensor
 
-    def embed(self, tokens: Float[Tensor, "B N V"], task: Float[Tensor, "B P"]) -> Float[Tensor, "B E"]:
+    def embed(self, visual: Float[Tensor, "B ..."], task: Float[Tensor, "B P"]) -> Float[Tensor, "B E"]:
         """What the RSSM sees of one step; ``task`` in its own units."""
-        return self.encoder(tokens, task / self.task_scale)
+        return self.observation.embed(visual, task / self.task_scale)
 
     def predict_reward(self, feat: Float[Tensor, "*B F"]) -> Float[Tensor, "*B"]:
         """Reward for arriving in a state, in the environment's units."""
@@ -82,7 +76,7 @@ def world_model_loss(
 
     Source: Eq. 5, minimised; method notes, decisions 16 to 18 and 21.
     """
-    embed = model.embed(batch.tokens.flatten(0, 1), batch.task.flatten(0, 1))
+    embed = model.embed(batch.visual.flatten(0, 1), batch.task.flatten(0, 1))
     post, prior_logit = model.rssm.observe(
         embed.unflatten(0, batch.reward.shape),
         batch.action,
@@ -95,7 +89,7 @@ def world_model_loss(
     )
     losses = reconstruction_losses(model, batch, embed, post) | {"kl": kl_loss.mean()}
     scales = dataclasses.asdict(model.config.loss_scales)
-    assert losses.keys() == scales.keys()
+    assert losses.keys() <= scales.keys()
     loss = torch.stack([scales[name] * value for name, value in losses.items()]).sum()
     metrics = {f"wm/{name}_loss": value.item() for name, value in losses.items()}
     metrics |= {
@@ -110,19 +104,12 @@ def world_model_loss(
 def reconstruction_losses(
     model: WorldModel, batch: ModelBatch, embed: Float[Tensor, "BT E"], post: Latent
 ) -> dict[str, Float[Tensor, ""]]:
-    """What state and embedding must tell: image tokens, task observation, reward, discount.
-
-    Squared errors of tokens are summed over channels and averaged over tokens, as MWM's are.
-    """
-    feat, target = post.feat, batch.tokens.flatten(0, 1).detach()
-    decoder, config = model.token_decoder, model.config
-    from_state = decoder(decoder.from_state(feat.flatten(0, 1)))
-    from_embed = decoder(decoder.from_embed(embed))
+    """What state and embedding must tell: what was seen, task observation, reward, discount."""
+    feat, config = post.feat, model.config
+    target = batch.target.flatten(0, 1).detach()
     reward = symlog(batch.reward) if config.reward_transform == "symlog" else batch.reward
     discount = config.discount * (~batch.is_terminal).to(feat.dtype)
-    return {
-        "token": (from_state - target).square().sum(-1).mean(),
-        "pool": (from_embed - target).square().sum(-1).mean(),
+    return model.observation.losses(target, embed, feat.flatten(0, 1)) | {
         "task": half_square(model.task_decoder(feat) - batch.task / model.task_scale).sum(-1).mean(),
         "reward": half_square(model.reward_head(feat).squeeze(-1) - reward).mean(),
         "discount": F.binary_cross_entropy_with_logits(model.discount_head(feat).squeeze(-1), discount),

@@ -1,6 +1,6 @@
-"""How LanGWM learns: one step each of the world model and of actor and critic, in this order.
+"""How a dreamer learns: one step each of the world model and of actor and critic, in this order.
 
-Owns these three optimizers. The MAE's own step comes first and stands in ``finetune``.
+Owns these three optimizers. What perceives is trained elsewhere or not at all.
 """
 
 from typing import Any
@@ -17,14 +17,16 @@ from agent.models.actor_critic import (
 from agent.models.nets import frozen
 from agent.models.rssm import Latent
 from agent.models.world_model import Metrics, ModelBatch, world_model_loss
-from agent.replay import ReplayBatch
-from agent.systems.langwm import Encode, LanGWM
+from agent.replay import Replay, ReplayBatch
+from agent.systems.dreamer import Dreamer
+from agent.systems.system import Learner
+from langwm_data.seeding import make_rng
 from pretrain.config import OptimConfig
 from pretrain.optim import Optimizer
 from pretrain.update import torch_seed
 
 
-class Learner:
+class DreamerLearner(Learner):
     """Optimizers of world model, actor and critic.
 
     Random numbers depend on the seed and the number of the update alone, so an interrupted run goes
@@ -33,9 +35,8 @@ class Learner:
     Source: Sec. 4.1 (optimised independently); method notes, decision 19 (one step each, in order).
     """
 
-    def __init__(self, model: LanGWM, config: AgentConfig, encode: Encode | None = None) -> None:
+    def __init__(self, model: Dreamer, config: AgentConfig) -> None:
         self._model = model
-        self._encode = encode or model.mae.encode
         self._config = config
         self._device_type = model.device.type
         behavior = config.behavior
@@ -46,7 +47,16 @@ class Learner:
         }
         self._optimizers = {n: Optimizer(module, _adam(config, lr)) for n, (module, lr) in learning.items()}
 
-    def update(self, batch: ReplayBatch, index: int) -> Metrics:
+    def update(self, replay: Replay, index: int) -> Metrics:
+        """Take update number ``index`` on a batch of its own; its metrics."""
+        return self.update_on(self.sample(replay, index), index)
+
+    def sample(self, replay: Replay, index: int) -> ReplayBatch:
+        """The sequences of update number ``index``."""
+        config = self._config
+        return replay.sample(make_rng(config.seed, "replay", index), config.batch_size, config.batch_length)
+
+    def update_on(self, batch: ReplayBatch, index: int) -> Metrics:
         """Take update number ``index`` on ``batch``; its metrics.
 
         Raises:
@@ -77,9 +87,12 @@ class Learner:
     ) -> tuple[Latent, Metrics]:
         model = self._model.world_model.train()
         with self._autocast():
-            tokens = self._encode(batch.rgb.flatten(0, 1))
+            perception, shape = self._model.perception, batch.reward.shape
+            target = perception.encode({"rgb": batch.rgb.flatten(0, 1)})
+            visual = perception.augment(target, generator)
             seen = ModelBatch(
-                tokens=tokens.unflatten(0, batch.reward.shape),
+                visual=visual.unflatten(0, shape),
+                target=target.unflatten(0, shape),
                 task=batch.task,
                 action=batch.action,
                 reward=batch.reward,

@@ -25,7 +25,7 @@ def show_frames(samples: Iterable[Sample], out_rrd: Path | None = None) -> None:
     Raises:
         ConfigError: If the Rerun SDK is not installed.
     """
-    rr = _import_rerun()
+    rr = import_rerun()
     rr.init("langwm", spawn=out_rrd is None)
     if out_rrd is not None:
         out_rrd.parent.mkdir(parents=True, exist_ok=True)
@@ -36,7 +36,12 @@ def show_frames(samples: Iterable[Sample], out_rrd: Path | None = None) -> None:
     rr.disconnect()
 
 
-def _import_rerun() -> ModuleType:
+def import_rerun() -> ModuleType:
+    """The Rerun SDK.
+
+    Raises:
+        ConfigError: If it is not installed.
+    """
     try:
         import rerun  # pyright: ignore[reportMissingImports]
     except ImportError as error:

@@ -7,24 +7,15 @@ kinematic, so that a state depends on the scene, the reset and the actions only.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 from langwm_data.config import RobotConfig
-from langwm_data.scenes.homes import make_home
 from langwm_data.scenes.spec import SceneSpec
 from langwm_data.sim.obstacles import XY, Contacts, PlanarGap, make_obstacles
-from langwm_data.sim.settle import settle
 
 SKIN_M = 0.001
 """The robot is kept this far from obstacles."""
 CONTACT_M = 0.00001
 """It touches an obstacle when it comes this close to its skin."""
-
-
-@lru_cache(maxsize=32)
-def bake_home(name: str, *, seed: int) -> SceneSpec:
-    """The procedural home of that name and seed with its loose objects at rest; cached in the process."""
-    return settle(make_home(name, seed=seed))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,7 +5,7 @@ import signal
 import numpy as np
 import pytest
 
-from agent.systems.langwm import Agent
+from agent.systems.agent import Agent
 from agent.train import train_agent
 from langwm_data.config import CameraConfig
 from langwm_data.config_io import ConfigError
@@ -95,7 +95,7 @@ def test_frozen_features_come_from_a_pretrained_mae_and_stay(tiny_config, tiny_m
     tiny_mae.save_pretrained(tmp_path / "mae" / "model")
     config = dataclasses.replace(tiny_config, features="frozen", mae=str(tmp_path / "mae"))
     run = train_agent(config, tmp_path / "run", env=make_room(max_steps=9))
-    ours = Agent.from_pretrained(run).model.mae.state_dict()
+    ours = Agent.from_pretrained(run).model.perception.mae.state_dict()
     assert all(np.array_equal(ours[k], v) for k, v in tiny_mae.state_dict().items())
     assert not any("mae/depth_loss" in row for row in read_metrics(run))
 

@@ -112,14 +112,4 @@ def _without_clear_groups(mesh: TriangleMesh, label: str) -> TriangleMesh:
         return mesh
     if not keep:
         raise ValueError(f"{label}: every material of it is clear")
-    is_kept = np.isin(mesh.group_of_triangles(), keep)
-    used, triangles = np.unique(mesh.triangles[is_kept], return_inverse=True)
-    return replace(
-        mesh,
-        vertices=mesh.vertices[used],
-        normals=mesh.normals[used],
-        uvs=mesh.uvs[used],
-        triangles=triangles.reshape(-1, 3).astype(np.int32),
-        sizes=tuple(mesh.sizes[i] for i in keep),
-        materials=tuple(mesh.materials[i] for i in keep),
-    )
+    return mesh.part(np.isin(mesh.group_of_triangles(), keep))

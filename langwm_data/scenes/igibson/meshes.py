@@ -94,15 +94,14 @@ def joined(pieces: Iterable[Piece]) -> Piece:
         for number, (slot, material) in enumerate(zip(piece.slots, piece.mesh.materials, strict=True)):
             key = (slot, material if slot == OWN else None)
             parts.setdefault(key, []).append((piece.mesh, number))
-    arrays = [_group(mesh, number) for members in parts.values() for mesh, number in members]
-    starts = np.cumsum([0, *(len(vertices) for vertices, *_ in arrays[:-1])])
+    groups = [_group(mesh, number) for members in parts.values() for mesh, number in members]
+    starts = np.cumsum([0, *(len(group.vertices) for group in groups[:-1])])
+    triangles = [group.triangles + start for group, start in zip(groups, starts, strict=True)]
     mesh = TriangleMesh(
-        vertices=np.concatenate([a[0] for a in arrays]),
-        normals=np.concatenate([a[1] for a in arrays]),
-        uvs=np.concatenate([a[2] for a in arrays]),
-        triangles=np.concatenate([a[3] + start for a, start in zip(arrays, starts, strict=True)]).astype(
-            np.int32
-        ),
+        vertices=np.concatenate([group.vertices for group in groups]),
+        normals=np.concatenate([group.normals for group in groups]),
+        uvs=np.concatenate([group.uvs for group in groups]),
+        triangles=np.concatenate(triangles).astype(np.int32),
         sizes=tuple(sum(mesh.sizes[n] for mesh, n in members) for members in parts.values()),
         materials=tuple(material or _GREY for _, material in parts),
     )
@@ -118,18 +117,8 @@ def cut(piece: Piece, owner: Sequence[int] | NDArray[np.integer]) -> dict[int, P
     pieces = {}
     for number in np.unique(owners).tolist():
         is_its = owners == number
-        used, triangles = np.unique(piece.mesh.triangles[is_its], return_inverse=True)
-        groups, sizes = np.unique(group[is_its], return_counts=True)
-        mesh = replace(
-            piece.mesh,
-            vertices=piece.mesh.vertices[used],
-            normals=piece.mesh.normals[used],
-            uvs=piece.mesh.uvs[used],
-            triangles=triangles.reshape(-1, 3).astype(np.int32),
-            sizes=tuple(sizes.tolist()),
-            materials=tuple(piece.mesh.materials[i] for i in groups),
-        )
-        pieces[number] = Piece(mesh=mesh, slots=tuple(piece.slots[i] for i in groups))
+        slots = tuple(piece.slots[i] for i in np.unique(group[is_its]))
+        pieces[number] = Piece(mesh=piece.mesh.part(is_its), slots=slots)
     return pieces
 
 
@@ -194,10 +183,8 @@ def _material(data: DataFolder, file: str, material: MtlMaterial) -> Material:
     return Material(color=material.color, opacity=material.opacity, texture=png)
 
 
-def _group(mesh: TriangleMesh, number: int) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-    start = sum(mesh.sizes[:number])
-    used, triangles = np.unique(mesh.triangles[start : start + mesh.sizes[number]], return_inverse=True)
-    return mesh.vertices[used], mesh.normals[used], mesh.uvs[used], triangles.reshape(-1, 3)
+def _group(mesh: TriangleMesh, number: int) -> TriangleMesh:
+    return mesh.part(mesh.group_of_triangles() == number)
 
 
 def _groups_as_materials(data: bytes) -> bytes:

@@ -52,6 +52,19 @@ class TriangleMesh:
         """(T,), the group of every triangle."""
         return np.repeat(np.arange(len(self.sizes)), self.sizes)
 
+    def part(self, is_wanted: NDArray[np.bool_]) -> "TriangleMesh":
+        """The triangles that are marked in (T,), with their vertices and the groups that have any of them."""
+        used, triangles = np.unique(self.triangles[is_wanted], return_inverse=True)
+        groups, sizes = np.unique(self.group_of_triangles()[is_wanted], return_counts=True)
+        return TriangleMesh(
+            vertices=self.vertices[used],
+            normals=self.normals[used],
+            uvs=self.uvs[used],
+            triangles=triangles.reshape(-1, 3).astype(np.int32),
+            sizes=tuple(sizes.tolist()),
+            materials=tuple(self.materials[i] for i in groups),
+        )
+
 
 def fault(mesh: TriangleMesh) -> str | None:
     """What is unsound about a mesh, as the end of a sentence, or None."""

@@ -3,6 +3,7 @@ import torch
 
 from agent.config import BehaviorConfig, MLPConfig, PoolingConfig, RSSMConfig, TaskConfig, WorldModelConfig
 from agent.models.actor_critic import ActorCritic, Imagination, actor_loss, critic_loss, imagine
+from agent.models.encoder import TokenModel
 from agent.models.nets import frozen
 from agent.models.rssm import Latent
 from agent.models.world_model import WorldModel
@@ -22,7 +23,7 @@ def model():
         head=MLPConfig(layers=1, units=8),
         task=TaskConfig(layers=1, units=8),
     )
-    return WorldModel(config, num_tokens=2, token_dim=4, task_dim=4, action_dim=2)
+    return WorldModel(config, TokenModel(config, num_tokens=2, token_dim=4, task_dim=4), action_dim=2)
 
 
 @pytest.fixture

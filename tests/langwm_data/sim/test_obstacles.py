@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from langwm_data.config import RobotConfig
+from langwm_data.baking import open_scenes
+from langwm_data.config import RobotConfig, ScenesConfig
 from langwm_data.scenes.navigation import FreeSpace
 from langwm_data.sim.obstacles import MapObstacles, SolidObstacles, make_obstacles
-from langwm_data.sim.world import World, bake_home
+from langwm_data.sim.world import World
 
 ROBOT = RobotConfig()
 TRIANGLE = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
@@ -79,7 +80,7 @@ def test_near_names_all_that_are_near(small_scene):
 
 
 def test_where_the_map_has_room_physics_has():
-    scene = bake_home("Alder_1", seed=0)
+    scene = open_scenes(ScenesConfig()).load("Alder_1")
     free = FreeSpace.from_scene(scene, robot=ROBOT)
     physics, outlines = (World(scene, ROBOT, contacts=way) for way in ("physics", "map"))
     rng, num_taken = np.random.default_rng(0), 0

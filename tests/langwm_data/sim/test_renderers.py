@@ -15,7 +15,15 @@ import numpy as np
 import pytest
 from backends import gl_opens
 
-from langwm_data.config import CameraConfig, LightsConfig, RandomizeConfig, RenderConfig, RobotConfig
+from langwm_data.baking import open_scenes
+from langwm_data.config import (
+    CameraConfig,
+    LightsConfig,
+    RandomizeConfig,
+    RenderConfig,
+    RobotConfig,
+    ScenesConfig,
+)
 from langwm_data.config_io import ConfigError
 from langwm_data.scenes.navigation import FreeSpace
 from langwm_data.scenes.spec import MaterialRef, SceneSpec
@@ -23,7 +31,6 @@ from langwm_data.sim import gl_device, render, render_embree, texture
 from langwm_data.sim.camera import Camera
 from langwm_data.sim.lights import Lights, sample_lights
 from langwm_data.sim.render import describe_renderer, make_renderer, resolve_backend
-from langwm_data.sim.world import bake_home
 
 SMALL = CameraConfig(height=64, width=80)
 VIEWS = [((3.5, 0.4), 2.4), ((0.5, 1.5), 0.1), ((2.0, 2.0), -1.2), ((3.0, 1.45), 0.05)]
@@ -164,7 +171,7 @@ def home_views():
     rng = np.random.default_rng(0)
     views = []
     for name in ("Elm_1", "Maple_0"):
-        scene = bake_home(name, seed=0)
+        scene = open_scenes(ScenesConfig()).load(name)
         free = FreeSpace.from_scene(scene, robot=RobotConfig())
         places = [tuple(free.sample(rng).tolist()) for _ in range(12)]
         cameras = [Camera.on_robot(CameraConfig(), xy, float(rng.uniform(-np.pi, np.pi))) for xy in places]

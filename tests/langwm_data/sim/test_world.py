@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from langwm_data.config import RobotConfig
+from langwm_data.baking import open_scenes
+from langwm_data.config import RobotConfig, ScenesConfig
 from langwm_data.scenes.homes import make_home
 from langwm_data.scenes.spec import ObjectSpec, PartSpec
-from langwm_data.sim.world import SKIN_M, World, bake_home, slide
+from langwm_data.sim.world import SKIN_M, World, slide
 
 ROBOT = RobotConfig()
 REACH = ROBOT.radius_m + SKIN_M
@@ -227,8 +228,8 @@ def test_slide_stays_before_every_plane_and_goes_no_further_than_wanted(wanted, 
 
 
 def test_baked_home_is_at_rest_and_made_once():
-    home = bake_home("Rowan_0", seed=0)
-    assert bake_home("Rowan_0", seed=0) is home
+    home = open_scenes(ScenesConfig()).load("Rowan_0")
+    assert open_scenes(ScenesConfig()).load("Rowan_0") is home
     raw = make_home("Rowan_0", seed=0)
     loose = [(a, b) for a, b in zip(raw.objects, home.objects, strict=True) if not a.is_fixed]
     assert loose
