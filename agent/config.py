@@ -52,6 +52,21 @@ class EpisodeRandomizeConfig(LightLimits):
 
 
 @config
+class WheelsConfig:
+    """The two driven wheels, read where ``action`` is ``wheel``.
+
+    Source: iGibson 1.0 (velocity of a joint without limits); ROS TurtleBot description, approximately.
+    """
+
+    max_rad_s: Positive = 15.0
+    """Turning speed of a wheel at an entry of 1."""
+    radius_m: Positive = 0.035
+    """With ``max_rad_s``: 5.25 cm per step at most."""
+    axle_m: Positive = 0.23
+    """Between the wheels: 4.6 rad/s on the spot at most."""
+
+
+@config
 class EnvConfig:
     """PointGoal navigation. Source: iGibson turtlebot_point_nav.yaml unless said otherwise."""
 
@@ -62,17 +77,43 @@ class EnvConfig:
     randomize: EpisodeRandomizeConfig = field(default_factory=EpisodeRandomizeConfig)
     labels: LabelsConfig = field(default_factory=LabelsConfig)
     reward: RewardConfig = field(default_factory=RewardConfig)
+    protocol: Literal["igibson", "habitat"] = "igibson"
+    """``igibson``: arriving within ``success_radius_m`` is noticed and ends the episode; ``habitat``: the
+    agent ends it by a stop action, one more entry, and succeeds within ``stop_radius_m`` of the goal."""
+    action: Literal["velocity", "wheel", "kinematic"] = "velocity"
+    """What the first two entries of an action mean: speeds forwards and of turning; of the left and the right
+    wheel; metres forwards and radians to the left. Source: method notes, decision 23."""
+    contacts: Literal["physics", "map"] = "physics"
+    """``physics``: solids as they stand, by PyBullet; ``map``: their outlines seen from above, for which
+    PyBullet need not be installed. The robot slides along both. Source: ours (ADR-0016)."""
+    with_start_pose: bool = False
+    """Add x, y in metres and yaw in radians to the task observation, in the frame of the start.
+    Source: method notes, decision 22."""
     max_linear_m_s: Positive = 0.5
-    """Speed of action (1, 0): 5 cm per step; (-1, 0) drives backwards. Source: method notes, decision 23."""
+    """``velocity``: speed of action (1, 0), 5 cm per step; (-1, 0) drives backwards. Source: method notes,
+    decision 23."""
     max_angular_rad_s: Positive = math.pi / 2
-    """Turning speed of action (0, 1): 9 degrees to the left per step. Source: method notes, decision 23."""
+    """``velocity``: turning speed of action (0, 1), 9 degrees to the left per step. Source: method notes,
+    decision 23."""
+    max_forward_m: Positive = 0.05
+    """``kinematic``: metres driven by action (1, 0); as far as ``velocity`` in a step. Source: ours."""
+    max_turn_rad: Annotated[float, Field(gt=0, le=math.pi)] = math.pi / 20
+    """``kinematic``: radians turned by action (0, 1), before driving; as many as ``velocity``.
+    Source: ours."""
+    wheels: WheelsConfig = field(default_factory=WheelsConfig)
     step_s: Positive = 0.1
     """Simulated time of one step."""
     physics_hz: PositiveInt = 240
     max_steps: PositiveInt = 500
     """The episode is truncated here."""
     success_radius_m: Positive = 0.36
-    """Straight distance in the plane below which the goal counts as reached."""
+    """``igibson``: straight distance in the plane below which the goal counts as reached."""
+    stop_radius_m: Positive = 0.2
+    """``habitat``: length of the shortest way to the goal below which stopping is a success.
+    Source: habitat-lab."""
+    stop_above: Annotated[float, Field(gt=-1, lt=1)] = 0.5
+    """``habitat``: the last entry of an action stops above this. At 0.5 a uniform one stops one time in four,
+    as a random choice of Habitat's four actions does. Source: ours (ADR-0016)."""
     distance_edges_m: Annotated[tuple[float, ...], AfterValidator(_ascending)] = (1.0, 3.0, 6.0, 10.0)
     """Edges of the tiers of geodesic distance from start to goal; the first and last bound all of them."""
     drawn_tiers: PositiveInt | None = None

@@ -1,7 +1,7 @@
 """``LangWM/PointNav-v0``: drive to a point in a home, seeing what a camera on the robot sees.
 
-Semantics follow iGibson 1.0's point_nav_random: arriving is detected, there is no stop action; the only
-terminal state is success, running out of time truncates. Reverse driving is allowed, as there.
+Semantics follow iGibson 1.0's point_nav_random unless ``config.protocol`` asks for Habitat's; what differs
+between the two stands in ``protocols``. Running out of time truncates. Reverse driving is allowed.
 """
 
 import math
@@ -10,11 +10,13 @@ from typing import Any, cast
 
 import gymnasium
 import numpy as np
-from gymnasium import spaces
 
 from agent.config import EnvConfig
+from agent.envs.actions import action_space, read_action
 from agent.envs.episodes import Episode, sample_episode
 from agent.envs.measures import EpisodeMeasures
+from agent.envs.observations import observation_space, observe_task
+from agent.envs.protocols import judge, success_radius
 from agent.envs.rewards import navigation_reward
 from agent.envs.sites import Site, load_scene
 from langwm_data.baking import open_scenes
@@ -37,10 +39,12 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
 
     Observation: ``rgb`` uint8 (H, W, 3); ``depth`` float32 (H, W), z-depth in metres, 0 = nothing hit;
     ``task`` float32: straight distance to the goal in metres, its bearing in radians (left positive),
-    forward speed in m/s and turning speed in rad/s.
+    forward speed in m/s and turning speed in rad/s; with ``config.with_start_pose`` also x and y in metres
+    and yaw in radians in the frame of the start.
 
-    Action: (v, omega) in [-1, 1], clipped, in units of the config's greatest speeds; v < 0 drives
-    backwards, omega > 0 turns left.
+    Action: as ``config.action`` says, each entry in [-1, 1] and clipped to it. By default (v, omega) in
+    units of the config's greatest speeds; v < 0 drives backwards, omega > 0 turns left. With protocol
+    ``habitat`` there is one more entry: above ``config.stop_above`` the robot stays and the episode is over.
 
     ``info`` has the same keys after reset and after every step: the measures so far (``success``,
     ``spl``, ``soft_spl``, ``distance_to_goal``, ``path_length``, ``geodesic_distance``, ``collisions``),
@@ -55,7 +59,7 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
     Every floor that was visited stays loaded, 100 to 200 MiB each.
 
     Args:
-        config: Sizes, speeds, rewards, scenes.
+        config: Sizes, speeds, rewards, protocol, scenes.
         split: ``"train"`` or ``"test"``: whose homes and whose textures.
         scenes: Play in these scenes instead of the homes of the split.
         render_mode: ``"rgb_array"`` lets ``render`` return the current view.
@@ -86,11 +90,12 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
         self._renderers: dict[str, Renderer] = {}
         self._next_floor = 0
         self._is_running = False
-        self.observation_space = _observation_space(self.config)
-        self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
+        self.observation_space = observation_space(self.config)
+        self.action_space = action_space(self.config)
         self.episode: Episode
         self.palette: tuple[MaterialRef, ...]
         self.lights: Lights
+        self._lights_info: np.ndarray
         self._site: Site
         self._renderer: Renderer
         self._field: DistanceField
@@ -122,34 +127,33 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
 
         Raises:
             ResetNeeded: If no episode is running.
-            ValueError: If the action is not two finite numbers.
+            ValueError: If the action is not as many finite numbers as it has entries.
         """
         if not self._is_running:
             raise gymnasium.error.ResetNeeded("the episode is over or was never begun; call reset() first")
-        values = np.asarray(action, dtype=np.float64)
-        if values.shape != (2,) or not np.isfinite(values).all():
-            raise ValueError(f"action {action!r} is not allowed; give two finite numbers, v and omega")
-        config = self.config
-        linear, angular = np.clip(values, -1.0, 1.0) * (config.max_linear_m_s, config.max_angular_rad_s)
+        config, motion = self.config, read_action(self.config, action)
         before = self._measures.distance_to_goal
-        self._state = self._site.world.step(float(linear), float(angular), config.step_s)
-        terminated = self._distance() < config.success_radius_m
+        self._state = self._site.world.step(
+            motion.linear_m_s, motion.angular_rad_s, config.step_s, turns_first=motion.turns_first
+        )
+        geodesic = self._geodesic()
+        verdict = judge(config, straight_m=self._distance(), geodesic_m=geodesic, is_stop=motion.is_stop)
         self._num_steps += 1
-        truncated = not terminated and self._num_steps >= config.max_steps
-        self._is_running = not (terminated or truncated)
+        truncated = not verdict.is_over and self._num_steps >= config.max_steps
+        self._is_running = not (verdict.is_over or truncated)
         self._measures.update(
             self._state.xy,
-            self._geodesic(),
+            geodesic,
             is_collision=self._state.is_collision,
-            is_success=terminated,
+            is_success=verdict.is_success,
         )
         reward = navigation_reward(
             config.reward,
-            progress_m=before - self._measures.distance_to_goal,
+            progress_m=before - geodesic,
             is_collision=self._state.is_collision,
-            is_success=terminated,
+            is_success=verdict.is_success,
         )
-        return self._observe(), reward, terminated, truncated, self._info()
+        return self._observe(), reward, verdict.is_over, truncated, self._info()
 
     @property
     def field(self) -> DistanceField:
@@ -218,6 +222,7 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
         self.palette = sample_palette(rng, scene.slots, self.split, scene.pictures)
         self._renderer.set_palette(self.palette)
         self.lights = self._draw_lights(episode)
+        self._lights_info = np.array(list(self.lights.describe().values()))
         if self.config.randomize.lights != "fixed":
             self._renderer.set_lights(self.lights)
 
@@ -240,13 +245,14 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
         return math.dist(self._state.xy, self.episode.goal_xy)
 
     def _observe(self) -> Observation:
-        state, goal = self._state, self.episode.goal_xy
-        camera = Camera.on_robot(self.config.camera, state.xy, state.yaw)
-        self._frame = self._renderer.render(camera)
-        towards = math.atan2(goal[1] - state.xy[1], goal[0] - state.xy[0])
-        bearing = math.remainder(towards - state.yaw, 2 * math.pi)
-        task = np.array([self._distance(), bearing, state.linear, state.angular], dtype=np.float32)
-        return {"rgb": self._frame.rgb, "depth": self._frame.depth, "task": task}
+        state, episode = self._state, self.episode
+        self._frame = self._renderer.render(Camera.on_robot(self.config.camera, state.xy, state.yaw))
+        start = (episode.start_xy, episode.start_yaw) if self.config.with_start_pose else None
+        return {
+            "rgb": self._frame.rgb,
+            "depth": self._frame.depth,
+            "task": observe_task(state, episode.goal_xy, start),
+        }
 
     def _info(self) -> dict[str, Any]:
         info = self._measures.as_info() | {
@@ -254,7 +260,7 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
             "tier": self.episode.tier,
             "pose": np.array([*self._state.xy, self._state.yaw], dtype=np.float64),
             "goal": np.array(self.episode.goal_xy, dtype=np.float64),
-            "lights": np.array(list(self.lights.describe().values())),
+            "lights": self._lights_info.copy(),
         }
         if self.config.with_labels:
             info |= {"instance": self._frame.instance, "objects": self._seen_objects()}
@@ -278,26 +284,14 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
         ]
 
 
-def _observation_space(config: EnvConfig) -> spaces.Space[Any]:
-    size = (config.camera.height, config.camera.width)
-    high = np.array([np.inf, math.pi, config.max_linear_m_s, config.max_angular_rad_s], dtype=np.float32)
-    low = np.array([0.0, *-high[1:]], dtype=np.float32)
-    return spaces.Dict(
-        {
-            "rgb": spaces.Box(0, 255, (*size, 3), np.uint8),
-            "depth": spaces.Box(0.0, config.camera.far_m, size, np.float32),
-            "task": spaces.Box(low, high),
-        }
-    )
-
-
 def _check_arguments(
     config: EnvConfig, split: str, scenes: Sequence[SceneSpec] | None, render_mode: str | None
 ) -> None:
-    if config.distance_edges_m[0] <= config.success_radius_m:
+    field, radius_m = success_radius(config)
+    if config.distance_edges_m[0] <= radius_m:
         raise ValueError(
             f"distance_edges_m begins at {config.distance_edges_m[0]:g} m;"
-            f" it must lie beyond success_radius_m, {config.success_radius_m:g} m"
+            f" it must lie beyond {field}, {radius_m:g} m"
         )
     if split not in ("train", "test"):
         raise ValueError(f"split {split!r} is unknown; allowed: train, test")

@@ -6,7 +6,7 @@ from agent.config import EnvConfig
 from langwm_data.baking import open_scenes
 from langwm_data.scenes.navigation import DistanceField, FreeSpace
 from langwm_data.scenes.spec import SceneSpec
-from langwm_data.sim.world import World
+from langwm_data.sim.world import SKIN_M, World
 
 
 def load_scene(name: str, config: EnvConfig) -> SceneSpec:
@@ -24,7 +24,7 @@ class Site:
     def __init__(self, scene: SceneSpec, config: EnvConfig) -> None:
         self.scene = scene
         self.free = FreeSpace.from_scene(scene, robot=config.robot)
-        self.world = World(scene, config.robot, physics_hz=config.physics_hz)
+        self.world = World(scene, config.robot, physics_hz=config.physics_hz, contacts=config.contacts)
         self._last_field: tuple[tuple[float, float], DistanceField] | None = None
 
     def distance_field(self, goal_xy: tuple[float, float]) -> DistanceField:
@@ -36,6 +36,14 @@ class Site:
         if self._last_field is None or self._last_field[0] != goal_xy:
             self._last_field = goal_xy, self.free.distance_field(goal_xy)
         return self._last_field[1]
+
+    def can_begin_at(self, xy: tuple[float, float]) -> bool:
+        """Whether the robot can be put at a place of the free space without touching anything.
+
+        Asked of the map, whose outlines leave out nothing, so that episodes do not depend on
+        ``config.contacts``.
+        """
+        return self.free.clearance(xy) > self.free.radius_m + SKIN_M
 
     def close(self) -> None:
         """Free the physics client."""

@@ -4,7 +4,8 @@ Owns the free space of a scene and shortest paths in it. World coordinates, metr
 map that a scene may bring along (ADR-0011).
 """
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Self
@@ -197,16 +198,16 @@ class DistanceField:
     before: NDArray[np.int32]
     """(N + 1,), the next free cell on the way to the goal; N is the goal itself."""
 
-    def distance(self, xy: ArrayLike) -> float:
+    def distance(self, xy: Sequence[float] | Array) -> float:
         """Length of the shortest way to the goal, continuous in ``xy``; infinite where there is none.
 
         A robot that touches something stands between free and blocked cells; it has a distance too.
         """
-        point = np.asarray(xy, float)
-        straight = float(np.linalg.norm(point - self.goal))
+        x, y = float(xy[0]), float(xy[1])
+        straight = math.hypot(x - self._goal_xy[0], y - self._goal_xy[1])
         low, high = _BLEND_M
         weight = min(max((straight - low) / (high - low), 0.0), 1.0)
-        return straight if weight == 0 else (1 - weight) * straight + weight * self._interpolate(point)
+        return straight if weight == 0 else (1 - weight) * straight + weight * self._interpolate(x, y)
 
     def path(self, xy: ArrayLike) -> Array:
         """The shortest way from a point to the goal as corners (N, 2), both ends included.
@@ -221,22 +222,33 @@ class DistanceField:
             at = int(self.before[at])
         return np.stack([*corners, self.goal])
 
-    def _interpolate(self, point: Array) -> float:
-        at = (point - self.space.origin) / self.space.resolution_m - 0.5
-        corner = np.floor(at).astype(int)
-        fx, fy = at - corner
-        total, weights = 0.0, 0.0
-        for di, wx in ((0, 1 - fx), (1, fx)):
-            for dj, wy in ((0, 1 - fy), (1, fy)):
-                i, j = corner[0] + di, corner[1] + dj
-                if (
-                    0 <= i < self.values.shape[0]
-                    and 0 <= j < self.values.shape[1]
-                    and np.isfinite(self.values[i, j])
-                ):
-                    total += wx * wy * self.values[i, j]
-                    weights += wx * wy
-        return float(total / weights) if weights > 1e-6 else np.inf
+    @cached_property
+    def _goal_xy(self) -> tuple[float, float]:
+        return float(self.goal[0]), float(self.goal[1])
+
+    def _interpolate(self, x: float, y: float) -> float:
+        """Bilinear between the middles of four cells, of which those without a value are left out."""
+        (left, below), cell_m = self.space.origin, self.space.resolution_m
+        at_x, at_y = (x - left) / cell_m - 0.5, (y - below) / cell_m - 0.5
+        i, j = math.floor(at_x), math.floor(at_y)
+        to_right, up = at_x - i, at_y - j
+        if not (-1 <= i < self.values.shape[0] and -1 <= j < self.values.shape[1]):
+            return math.inf
+        total = weights = 0.0
+        value = self._framed.item
+        for di, wx in ((0, 1 - to_right), (1, to_right)):
+            for dj, wy in ((0, 1 - up), (1, up)):
+                # For so few numbers plain floats are quicker than arrays.
+                distance, weight = value(i + 1 + di, j + 1 + dj), wx * wy
+                if distance < math.inf:
+                    total += weight * distance
+                    weights += weight
+        return total / weights if weights > 1e-6 else math.inf
+
+    @cached_property
+    def _framed(self) -> Array:
+        """The values within a frame of cells without one."""
+        return np.pad(self.values, 1, constant_values=np.inf)
 
     def _first_cell(self, point: Array) -> int:
         """The number of the free cell close to a point from where the whole way is shortest."""

@@ -98,7 +98,7 @@ def test_episodes_survive_json(fixed):
 
 def test_wrong_episode_files_are_refused(fixed):
     values = fixed[0].to_dict()
-    with pytest.raises(ValueError, match="episode has version 7; this program reads 2"):
+    with pytest.raises(ValueError, match="episode has version 7; this program reads 3"):
         Episode.from_dict(values | {"version": 7})
     with pytest.raises(ValueError, match=r"not an episode: .*colour"):
         Episode.from_dict(values | {"colour": 1})

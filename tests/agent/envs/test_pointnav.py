@@ -375,7 +375,7 @@ def test_close_frees_every_physics_client(small_scene):
 def test_wrong_actions_are_refused(env):
     play(env, (1.0, 1.5), 0.0, (3.0, 1.5))
     for action in (np.zeros(3), np.array([np.nan, 0.0])):
-        with pytest.raises(ValueError, match="give two finite numbers, v and omega"):
+        with pytest.raises(ValueError, match="give 2 finite numbers: v, omega"):
             env.step(action)
 
 

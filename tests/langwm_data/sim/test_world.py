@@ -19,9 +19,14 @@ REACH = ROBOT.radius_m + SKIN_M
 OPEN = (2.0, 1.6)
 
 
+@pytest.fixture(scope="module", params=["physics", "map"])
+def contacts(request):
+    return request.param
+
+
 @pytest.fixture(scope="module")
-def world(small_scene):
-    world = World(small_scene, ROBOT)
+def world(small_scene, contacts):
+    world = World(small_scene, ROBOT, contacts=contacts)
     yield world
     world.close()
     world.close()
@@ -113,25 +118,41 @@ def test_table_top_lets_the_robot_under_but_not_its_legs(world):
     assert world.collides((0.55, 2.3), 0.0)
 
 
-def test_low_rug_is_driven_over_and_low_step_is_not(small_scene):
-    for height, is_free in [(0.02, True), (0.06, False)]:
-        world = World(with_solid(small_scene, (0.5, 0.5, height), 0.0), ROBOT)
-        state = drive(world, [(0.5, 0.0)] * 10)[-1]
-        assert (state.xy[0] == pytest.approx(2.5)) == is_free
-        assert state.is_collision != is_free
-        world.close()
+@pytest.mark.parametrize(("height", "is_free"), [(0.02, True), (0.03, True), (0.06, False)])
+def test_low_rug_is_driven_over_and_low_step_is_not(small_scene, contacts, height, is_free):
+    world = World(with_solid(small_scene, (0.5, 0.5, height), 0.0), ROBOT, contacts=contacts)
+    state = drive(world, [(0.5, 0.0)] * 10)[-1]
+    assert (state.xy[0] == pytest.approx(2.5)) == is_free
+    assert state.is_collision != is_free
+    world.close()
 
 
-def test_shelf_above_the_robot_is_passed_under(small_scene):
-    for bottom, is_free in [(0.5, True), (0.4, False)]:
-        world = World(with_solid(small_scene, (0.5, 0.5, 0.1), bottom), ROBOT)
-        assert world.collides((2.6, 1.6), 0.0) != is_free
-        world.close()
+@pytest.mark.parametrize(("bottom", "is_free"), [(0.5, True), (0.45, True), (0.4, False)])
+def test_shelf_above_the_robot_is_passed_under(small_scene, contacts, bottom, is_free):
+    world = World(with_solid(small_scene, (0.5, 0.5, 0.1), bottom), ROBOT, contacts=contacts)
+    assert world.collides((2.6, 1.6), 0.0) != is_free
+    world.close()
+
+
+def test_what_the_robot_just_passes_over_or_under_neither_stops_nor_turns_it(small_scene):
+    # Leaning a little, so that bounds alone do not tell, and half a millimetre from the robot.
+    low = with_solid(small_scene, (0.5, 0.5, 0.02), 0.0)
+    tilt = (math.sin(0.01), 0.0, 0.0, math.cos(0.01))
+    top_m = 0.01 * math.cos(0.02) + 0.25 * math.sin(0.02) + 0.01
+    leaning = dataclasses.replace(
+        low.objects[-1], orientation=tilt, position=(2.6, 1.6, ROBOT.clearance_m - 0.0005 - top_m)
+    )
+    world = World(dataclasses.replace(low, objects=(*low.objects[:-1], leaning)), ROBOT)
+    states = drive(world, [(0.5, 0.0)] * 10)
+    world.close()
+    assert states[-1].xy == pytest.approx((2.5, 1.6), abs=1e-9)
+    assert not any(s.is_collision for s in states)
 
 
 @pytest.mark.parametrize("shape", ["box", "cylinder", "ellipsoid", "frustum"])
-def test_every_shape_stops_the_robot_at_its_side(small_scene, shape):
-    world = World(with_solid(small_scene, (0.4, 0.4, 0.46), 0.01, shape=shape), ROBOT)
+def test_every_shape_stops_the_robot_at_its_side(small_scene, contacts, shape):
+    scene = with_solid(small_scene, (0.4, 0.4, 0.46), 0.01, shape=shape)
+    world = World(scene, ROBOT, contacts=contacts)
     state = drive(world, [(0.5, 0.0)] * 12)[-1]
     assert state.xy == pytest.approx((2.6 - 0.2 - REACH, 1.6), abs=0.005)
     world.close()
@@ -148,16 +169,39 @@ def test_the_robot_never_enters_anything(small_scene, world, seed):
         x, y = state.xy
         assert REACH - 1e-4 <= x <= 6.1 - REACH + 1e-4
         assert REACH - 1e-4 <= y <= 3.0 - REACH + 1e-4
-        nearby = world._nearby(world._xy, 0.0)
-        assert all(gap.distance > 0 for gap in world._gaps(world._xy, nearby, 0.1))
+        assert all(gap.distance > 0 for _, gap in world._gaps(state.xy, 0.1))
 
 
-def test_states_do_not_depend_on_what_came_before(small_scene, world):
+def test_a_robot_may_turn_before_it_drives(world):
+    world.reset(OPEN, 0.0)
+    state = world.step(0.5, math.pi / 2 * 10, turns_first=True)
+    assert state.xy == pytest.approx((2.0, 1.65), abs=1e-12)
+    assert state.yaw == pytest.approx(math.pi / 2)
+    world.reset((2.0, 0.2), 0.0)
+    state = world.step(0.5, -math.pi / 2 * 10, turns_first=True)
+    assert state.xy == pytest.approx((2.0, REACH), abs=1e-4)
+    assert state.is_collision
+
+
+def test_an_arc_in_small_steps_is_the_arc_in_the_open(small_scene):
+    # Beside a wall, without touching it, the robot moves in small steps.
+    world = World(small_scene, ROBOT)
+    world.reset((2.0, REACH + 0.04), 0.0)
+    near = world.step(0.5, 1.0)
+    world.reset(OPEN, 0.0)
+    far = world.step(0.5, 1.0)
+    world.close()
+    moved = [(s.xy[0] - 2.0, s.xy[1] - y) for s, y in ((near, REACH + 0.04), (far, OPEN[1]))]
+    assert moved[0] == pytest.approx(moved[1], abs=1e-7)
+    assert not near.is_collision
+
+
+def test_states_do_not_depend_on_what_came_before(small_scene, contacts, world):
     rng = np.random.default_rng(5)
     actions = [(rng.uniform(0, 0.5), rng.uniform(-1.5, 1.5)) for _ in range(150)]
     drive(world, actions[::-1], start=(5.0, 2.5), yaw=2.0)
     used = drive(world, actions, yaw=0.4)
-    fresh_world = World(small_scene, ROBOT)
+    fresh_world = World(small_scene, ROBOT, contacts=contacts)
     fresh = drive(fresh_world, actions, yaw=0.4)
     fresh_world.close()
     assert used == fresh
