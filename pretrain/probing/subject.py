@@ -124,10 +124,9 @@ def _check_same_scenes(first: str, expected: Manifest, other: str, found: Manife
 
 def _title(frames: FrameDataset, model_splits: dict[str, str]) -> str:
     """Such as ``test frames: unseen textures``; furniture counts where some of it is held out at all."""
-    holds_out = frames.shards.manifest.holds_out
-    if "test" not in model_splits.values():
-        holds_out = tuple(what for what in holds_out if what != "models")
-    return f"test frames: {describe_held_out(holds_out)}"
+    has_models = "test" in model_splits.values()
+    unseen = [what for what in frames.shards.manifest.holds_out if has_models or what != "models"]
+    return f"test frames: {describe_held_out(unseen)}"
 
 
 def _objects_of(run: Path) -> ObjectMaskConfig:
