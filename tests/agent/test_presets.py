@@ -11,10 +11,10 @@ def load(name):
 
 
 def test_presets_are_these():
-    assert preset_names("agent") == ["debug", "paper", "tiny"]
+    assert preset_names("agent") == ["debug", "homes", "paper", "tiny"]
 
 
-@pytest.mark.parametrize("name", ["debug", "paper", "tiny"])
+@pytest.mark.parametrize("name", ["debug", "homes", "paper", "tiny"])
 def test_preset_loads(name):
     assert load(name).system == "langwm"
 
@@ -40,6 +40,14 @@ def test_paper_preset_is_the_default_but_for_the_literal_reward_loss():
     assert paper.finetune.model == dataclasses.replace(default.finetune.model, reward_loss="mse")
     finetune = dataclasses.replace(paper.finetune, model=default.finetune.model)
     assert dataclasses.replace(paper, finetune=finetune) == default
+
+
+def test_paper_rewards_as_igibson_does_and_homes_pays_progress_more():
+    paper, homes = load("paper").env.reward, load("homes").env.reward
+    assert (paper.progress, paper.collision, paper.success) == (1.0, -0.1, 10.0)
+    assert dataclasses.replace(homes, progress=1.0) == paper
+    # Five centimetres towards the goal, touching something, still pay.
+    assert homes.progress * 0.05 + homes.collision > 0 > paper.progress * 0.05 + paper.collision
 
 
 def test_tiny_keeps_the_papers_latents():
