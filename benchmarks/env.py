@@ -1,10 +1,11 @@
 """What a step of the environment costs, where its time goes, and how both kinds of contacts agree.
 
-One core: OpenGL in software draws in the process that asks. ``steps`` takes variants in turn and gives medians
-of CPU time, and of time by the clock, which says something on a quiet machine only. ``parts`` times what a step
-is made of. ``contacts`` drives two worlds, one by PyBullet and one by the map, with the same actions.
+One core: OpenGL in software draws in the process that asks. ``steps`` takes variants in turn and gives
+medians of CPU time, and of time by the clock, which says something on a quiet machine only. ``parts`` times
+what a step is made of. ``contacts`` drives two worlds, one by PyBullet and one by the map, with the same
+actions.
 
-    python benchmarks/env.py steps parts contacts
+    python -m benchmarks.env steps parts contacts
 """
 
 import argparse

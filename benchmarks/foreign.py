@@ -4,7 +4,7 @@ Needs the package stable-baselines3; nothing else here does. The environment is 
 ``MultiInputPolicy`` takes the dictionary of observations. Prints the mean return of every tenth of
 the steps.
 
-    python benchmarks/foreign.py --algorithm ppo --steps 20000 --set env.reward.progress=5
+    python -m benchmarks.foreign --algorithm ppo --steps 20000 --set env.reward.progress=5
 """
 
 import argparse
