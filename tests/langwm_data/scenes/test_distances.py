@@ -69,11 +69,10 @@ def test_two_hundred_distances_are_those_of_another_dijkstra(space):
         for i, j in rng.permutation(cells)[:NUM_STARTS].tolist():
             expected = lengths[i, j] * space.resolution_m
             differences.append(field.values[i, j] - expected)
-            assert field.values[i, j] == pytest.approx(expected, abs=0.06)
+            assert field.values[i, j] == pytest.approx(expected, abs=0.02)
     # What is barely seen past a corner is a matter of how rays are drawn; all else is the same number.
     assert len(differences) == NUM_GOALS * NUM_STARTS
-    assert np.median(np.abs(differences)) < 1e-9
-    assert np.abs(differences).mean() < 0.003
+    assert np.mean(np.abs(differences) < 1e-9) > 0.8
 
 
 def test_between_cells_distances_are_bilinear(space):
