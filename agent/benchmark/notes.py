@@ -66,8 +66,8 @@ def _facts(config: AgentConfig) -> list[str]:
     facts = ["An update every step." if every == 1 else f"An update every {every} steps."]
     if config.mae is not None:
         facts.append(
-            "Its autoencoder was pretrained on rendered frames, beside the environment steps counted here, and"
-            f" is {'held fixed' if config.features == 'frozen' else 'trained on'}."
+            "Its autoencoder was pretrained on rendered frames, beside the environment steps counted here,"
+            f" and is {'held fixed' if config.features == 'frozen' else 'trained on'}."
         )
     return facts
 
