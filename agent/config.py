@@ -3,7 +3,7 @@
 import math
 from dataclasses import field
 from itertools import pairwise
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field
 
@@ -68,8 +68,17 @@ class WheelsConfig:
 
 @config
 class EnvConfig:
-    """PointGoal navigation. Source: iGibson turtlebot_point_nav.yaml unless said otherwise."""
+    """PointGoal navigation, or any environment of Gymnasium's. Source: iGibson turtlebot_point_nav.yaml unless
+    said otherwise.
+    """
 
+    id: str | None = None
+    """Another environment, named as ``gymnasium.make`` names it (``module:Name`` imports the module first). Of
+    the fields below it reads ``kwargs``, ``pixels`` and the camera's size alone. None: PointGoal navigation."""
+    kwargs: dict[str, Any] = field(default_factory=dict)
+    """What ``gymnasium.make`` is given beside ``id``."""
+    pixels: bool = False
+    """Frames of ``id`` are what it renders; they take the place of an observation that is one vector."""
     camera: CameraConfig = field(default_factory=CameraConfig)
     robot: RobotConfig = field(default_factory=RobotConfig)
     scenes: ScenesConfig = field(default_factory=ScenesConfig)
@@ -127,7 +136,9 @@ class EnvConfig:
     """Seed of the fixed evaluation episodes."""
 
     def __post_init__(self) -> None:
-        """Refuse lights that the renderer does not have, and tiers that there are not."""
+        """Refuse lights that the renderer does not have, tiers that there are not, and words without an env."""
+        if self.id is None and (self.kwargs or self.pixels):
+            raise ConfigError("env.kwargs and env.pixels are of another environment; give env.id as well")
         if self.randomize.lights != "fixed" and self.render.backend == "tiny":
             raise ConfigError(
                 f"env.randomize.lights {self.randomize.lights} needs env.render.backend auto, gl or embree"
@@ -214,8 +225,10 @@ class TaskConfig:
 
     layers: PositiveInt = 4
     units: PositiveInt = 256
-    scale: tuple[Positive, ...] = (5.0, math.pi, 0.5, math.pi / 2)
-    """Divides the entries of the task observation: metres, radians, m/s, rad/s. Source: ours."""
+    scale: tuple[Positive, ...] | None = None
+    """Divides the entries of the task observation. None: the greatest magnitude that the environment's space
+    allows each, and 5 where it sets no bounds; for PointGoal 5 m, pi rad and the robot's speeds.
+    Source: ours."""
     skips_pooling: bool = False
     """Hand the task token to the memory also beside the average, of which it is one part in 82.
     Source: ours (ADR-0009)."""

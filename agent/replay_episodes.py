@@ -62,14 +62,20 @@ class ReplayBatch:
         return replace(self, **tensors, features={k: v.to(device) for k, v in self.features.items()})
 
     def frames(self) -> FrameBatch:
-        """All steps of all rows as single frames, for finetuning the autoencoder."""
-        assert self.depth is not None, "the autoencoder learns from depth"
-        assert self.objects is not None, "the autoencoder learns from objects"
+        """All steps of all rows as single frames, for finetuning the autoencoder.
+
+        Where the buffer keeps no depth, it is zero: an autoencoder that fills in colours does not read it. Where
+        it keeps no objects, there are none: what neither hides nor tells of them does not miss them.
+        """
+        depth = (
+            self.rgb.new_zeros(self.rgb.shape[:4], dtype=torch.float32) if self.depth is None else self.depth
+        )
+        objects = self.objects or [[()] * self.rgb.shape[1]] * len(self.rgb)
         reward = self.reward.flatten().numpy(force=True)
         return FrameBatch(
             rgb=self.rgb.flatten(0, 1).numpy(force=True),
-            depth=self.depth.flatten(0, 1).numpy(force=True),
-            objects=[objects for row in self.objects for objects in row],
+            depth=depth.flatten(0, 1).numpy(force=True),
+            objects=[held for row in objects for held in row],
             reward=reward,
             has_reward=np.ones(len(reward), dtype=np.bool_),
         )

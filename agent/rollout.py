@@ -10,9 +10,9 @@ from typing import Any, Protocol, runtime_checkable
 
 import gymnasium
 import numpy as np
-from jaxtyping import Float64
 
 from agent.envs.episodes import Episode
+from agent.envs.outcomes import Outcome, Recorder
 from agent.replay import ReplayEpisode
 from langwm_data.shards.sample import to_millimetres
 from pretrain.batch import FrameObject
@@ -27,73 +27,20 @@ class Policy(Protocol):
         ...
 
 
-@dataclass(frozen=True, kw_only=True)
-class EpisodeRecord:
-    """How one finished episode went. Lengths in metres."""
-
-    scene: str
-    tier: int
-    success: bool
-    spl: float
-    soft_spl: float
-    distance_to_goal: float
-    path_length: float
-    geodesic_distance: float
-    collisions: int
-    num_steps: int
-    total_reward: float
-    is_terminated: bool
-    """False where time ran out."""
-    trajectory: Float64[np.ndarray, "T 3"]
-    """x, y and yaw after the reset and after every step."""
-    goal: Float64[np.ndarray, " 2"]
-    """x and y."""
-
-
-class _Recorder:
-    """Collects one episode from the reset on."""
-
-    def __init__(self, info: Mapping[str, Any]) -> None:
-        self.poses = [info["pose"]]
-        self.total_reward = 0.0
-
-    def add(self, reward: float, info: Mapping[str, Any]) -> None:
-        self.poses.append(info["pose"])
-        self.total_reward += reward
-
-    def finish(self, info: Mapping[str, Any], *, is_terminated: bool) -> EpisodeRecord:
-        return EpisodeRecord(
-            scene=info["scene"],
-            tier=info["tier"],
-            success=info["success"],
-            spl=info["spl"],
-            soft_spl=info["soft_spl"],
-            distance_to_goal=info["distance_to_goal"],
-            path_length=info["path_length"],
-            geodesic_distance=info["geodesic_distance"],
-            collisions=info["collisions"],
-            num_steps=len(self.poses) - 1,
-            total_reward=self.total_reward,
-            is_terminated=is_terminated,
-            trajectory=np.stack(self.poses),
-            goal=info["goal"],
-        )
-
-
 def run_episode(
     env: gymnasium.Env, policy: Policy, *, episode: Episode | None = None, seed: int | None = None
-) -> EpisodeRecord:
+) -> Outcome:
     """Play one episode to its end.
 
     Args:
-        env: ``PointNavEnv`` or a wrapper around it.
+        env: Any environment with ``rgb`` and ``task``.
         policy: Begins with the state None.
-        episode: Play this one; one drawn from ``seed`` when None.
+        episode: Play this one, in PointGoal navigation; one drawn from ``seed`` when None.
         seed: Given to ``reset``.
     """
     options = None if episode is None else {"episode": episode}
     obs, info = env.reset(seed=seed, options=options)
-    recorder = _Recorder(info)
+    recorder = Recorder(info)
     state, terminated, truncated = None, False, False
     while not (terminated or truncated):
         action, state = policy(obs, state)
@@ -107,7 +54,7 @@ class CollectedEpisode:
     """A finished episode of training: what the replay buffer stores, and how it went."""
 
     replay: ReplayEpisode
-    record: EpisodeRecord
+    record: Outcome
 
 
 class Collector:
@@ -119,7 +66,7 @@ class Collector:
     belongs in the checkpoint beside ``state_dict``.
 
     Args:
-        env: ``PointNavEnv`` or a wrapper around it; must be deterministic.
+        env: Any environment with ``rgb`` and ``task``; must be deterministic.
         seed: Seed of the first episode.
         state: What ``state_dict`` returned, to go on from there.
         with_depth: Whether finished episodes hold depth.
@@ -169,7 +116,7 @@ class Collector:
 
     def _begin(self) -> None:
         obs, info = self._env.reset(seed=self._seed + self.num_episodes)
-        self._recorder = _Recorder(info)
+        self._recorder = Recorder(info)
         self._observations = [obs]
         shape = self._env.action_space.shape
         assert shape is not None, "the action space is a Box"

@@ -20,7 +20,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from agent.envs.episodes import Episode
-from agent.rollout import EpisodeRecord
+from agent.envs.outcomes import EpisodeRecord, Outcome
 from langwm_data import atomic
 
 EPISODES_FILE = "episodes.parquet"
@@ -43,13 +43,14 @@ _SCHEMA = pa.schema(
 )
 
 
-def make_row(record: EpisodeRecord, **names: str | int) -> Row:
+def make_row(record: Outcome, **names: str | int) -> Row:
     """How an episode went, with the names under which it is found again.
 
     Args:
-        record: Of the finished episode.
+        record: Of the finished episode of PointGoal navigation.
         names: ``system``, ``split``, ``episode`` (its number on its floor), ``task`` and ``player``.
     """
+    assert isinstance(record, EpisodeRecord), "fixed episodes are of PointGoal navigation"
     row: Row = asdict(record) | names
     row |= {"trajectory": record.trajectory.tolist(), "goal": record.goal.tolist()}
     row["length"] = row.pop("num_steps")

@@ -7,7 +7,6 @@ a counter, so a run that was killed at any moment goes on from its last checkpoi
 import logging
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +14,11 @@ import gymnasium
 import numpy as np
 
 from agent.config import AgentConfig
-from agent.envs.pointnav import PointNavEnv
+from agent.best import Best
+from agent.envs.make import check_gives, make_env
 from agent.models.world_model import Metrics
 from agent.replay import Replay, check_disk, step_bytes
-from agent.rollout import Collector, EpisodeRecord
+from agent.rollout import Collector
 from agent.systems.agent import Agent
 from agent.systems.controls import make_random_policy
 from agent.systems.features import Encoder
@@ -55,13 +55,13 @@ def train_agent(
         out: Folder of the run.
         fresh: Throw away what ``out`` holds first.
         progress: Called with environment steps done and in all.
-        env: Learn in this environment instead of the training floors. It must be deterministic and
-            have the observation, action and ``info`` of ``PointNavEnv``. It is closed at the end.
+        env: Learn in this environment instead of the one that ``config.env`` names. It must be deterministic
+            and have frames and bounded actions; see ``ForeignEnv``. It is closed at the end.
         encoder: What system ``own-encoder`` sees through: one method, ``encode``, from frames (B, H, W, 3)
             uint8 to tokens (B, N, D). It is never trained or saved.
 
     Returns:
-        ``out``; ``Agent.from_pretrained`` reads it.
+        ``out``; ``Agent.from_pretrained`` reads it, and ``out / "best"`` (see ``agent.best``).
 
     Raises:
         ConfigError: If the request cannot be carried out; nothing was changed then.
@@ -72,9 +72,9 @@ def train_agent(
     """
     usable_device(config.device)
     system = find_system(config.system, encoder)
-    with_labels = config.env.with_labels or system.needs_labels(config)
-    env = env or PointNavEnv(replace(config.env, with_labels=with_labels))
+    env = make_env(config.env, env, with_labels=system.needs_labels(config))
     try:
+        check_gives(env, config.system, labels=system.needs_labels(config), depth=system.needs_depth(config))
         env = system.wrap_env(config, env)
         spaces = Spaces.of(env)
         model = system.create(config, spaces)
@@ -135,8 +135,8 @@ class _Run:
         self._means = _Means()
         self._agent = agent
         self._learner = system.make_learner(agent.model, config)
-        self._random = make_random_policy(derive_seed(config.seed, "prefill"))
         state = self._load()
+        self._best = Best(out, state.get("best"))
         self._replay = Replay(config.replay, out / REPLAY_FOLDER, state.get("replay"))
         first_seed = derive_seed(config.seed, "episodes") % 2**31
         self._collector = Collector(
@@ -175,7 +175,10 @@ class _Run:
                 logger.log(self.step, self._means.take())
 
     def save(self) -> None:
-        """Write the model and, last, the checkpoint."""
+        """Write the models and, last, the checkpoint."""
+        # An interrupt saves as well, but must not change which agent the run ends up with as its best.
+        if self.step % self._config.checkpoint_every == 0 or self.step >= self._config.steps:
+            self._best.keep(self._agent)
         state = {
             "model": self._agent.model.state_dict(),
             "learner": self._learner.state_dict(),
@@ -184,6 +187,7 @@ class _Run:
             "policy_state": self._collector.policy_state,
             "num_updates": self._num_updates,
             "means": self._means.state_dict(),
+            "best": self._best.state_dict(),
         }
         self._agent.save_pretrained(self._out / MODEL_FOLDER)
         save_checkpoint(self._out, self.step, state, keep=1)
@@ -202,31 +206,23 @@ class _Run:
 
     def _collect(self, logger: MetricsLogger) -> None:
         is_prefill = self.step < self._config.prefill_steps
-        finished = self._collector.step(self._random if is_prefill else self._explore)
+        finished = self._collector.step(self._wander if is_prefill else self._explore)
         self.step += 1
         if finished is not None:
             self._replay.add(finished.replay)
-            logger.log(self.step, episode_metrics(finished.record))
+            logger.log(self.step, finished.record.metrics())
+            if self.step - finished.record.num_steps >= self._config.prefill_steps:
+                self._best.add(finished.record)
+
+    def _wander(self, obs: Mapping[str, np.ndarray], state: int | None) -> tuple[np.ndarray, int]:
+        seed = derive_seed(self._config.seed, "prefill", self._collector.num_episodes)
+        return make_random_policy(seed, self._agent.spaces.action_dim)(obs, state)
 
     def _explore(self, obs: Mapping[str, np.ndarray], state: State | int | None) -> tuple[np.ndarray, State]:
         if not isinstance(state, dict):  # an episode begins, or the prefill ended in the middle of one
             seed = torch_seed(self._config.seed, "explore", self._collector.num_episodes)
             state = self._agent.initial_state(seed)
         return self._agent.act(obs, state, explore=True)
-
-
-def episode_metrics(record: EpisodeRecord) -> Metrics:
-    """Scalars of one finished episode, as they are logged."""
-    return {
-        "env/return": record.total_reward,
-        "env/success": float(record.success),
-        "env/spl": record.spl,
-        "env/soft_spl": record.soft_spl,
-        "env/distance_to_goal": record.distance_to_goal,
-        "env/geodesic_distance": record.geodesic_distance,
-        "env/collisions": float(record.collisions),
-        "env/length": float(record.num_steps),
-    }
 
 
 class _Means:

@@ -62,7 +62,9 @@ class WorldModel(nn.Module):
     ) -> None:
         super().__init__()
         self.config = config
-        head, task, task_dim = config.head, config.task, len(config.task.scale)
+        head, task = config.head, config.task
+        assert task.scale is not None, "whoever knows the environment says how large its task observation is"
+        task_dim = len(task.scale)
         self.observation = observation
         self.rssm = RSSM(config.rssm, observation.embed_dim, action_dim)
         feat_dim = self.rssm.feat_dim

@@ -15,7 +15,7 @@ TURN_ABOVE_RAD = math.radians(15)
 """Beyond this bearing, ``turn_to_goal`` turns on the spot."""
 
 
-def make_random_policy(seed: int) -> Policy:
+def make_random_policy(seed: int, action_dim: int = 2) -> Policy:
     """Uniform actions, drawn from the seed, the step and the task observation.
 
     So they differ between episodes, and playing an episode again repeats them.
@@ -24,7 +24,7 @@ def make_random_policy(seed: int) -> Policy:
     def act(obs: Mapping[str, np.ndarray], state: int | None) -> tuple[np.ndarray, int]:
         step = state or 0
         rng = make_rng(seed, "random policy", step, obs["task"].tobytes().hex())
-        return rng.uniform(-1, 1, size=2).astype(np.float32), step + 1
+        return rng.uniform(-1, 1, size=action_dim).astype(np.float32), step + 1
 
     return act
 

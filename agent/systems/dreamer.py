@@ -5,6 +5,7 @@ Owns how perception, world model and behaviour act together. How they are traine
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -48,8 +49,9 @@ def make_dreamer(
     Raises:
         ConfigError: If the task observation has another size than the config says.
     """
-    task_scale(config, spaces)
-    world_model = WorldModel(config.world_model, observation, action_dim=spaces.action_dim, key_dim=key_dim)
+    task = replace(config.world_model.task, scale=task_scale(config, spaces))
+    sizes = replace(config.world_model, task=task)
+    world_model = WorldModel(sizes, observation, action_dim=spaces.action_dim, key_dim=key_dim)
     behavior = ActorCritic(config.behavior, config.world_model.rssm.feat_dim, spaces.action_dim)
     return Dreamer(perception, world_model, behavior)
 

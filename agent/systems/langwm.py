@@ -197,13 +197,18 @@ def needs_labels(config: AgentConfig) -> bool:
     return config.features == "finetuned" and (objects.hides or objects.captions != "none")
 
 
+def needs_depth(config: AgentConfig) -> bool:
+    """Whether the MAE learns to fill in depth."""
+    return config.features == "finetuned" and config.finetune.model.target == "depth"
+
+
 SYSTEM = System(
     create=create,
     restore=restore,
     resolve=resolve,
     make_learner=_make_learner,
     needs_labels=needs_labels,
-    needs_depth=lambda config: config.features == "finetuned",
+    needs_depth=needs_depth,
 )
 EMPTY_LANGUAGE = replace(SYSTEM, note="objects hidden, the caption always empty")
 NO_MASK = replace(SYSTEM, note="no objects hidden, captions as in langwm; not in the paper")

@@ -19,6 +19,11 @@ from langwm_data.config_io import ConfigError
 State = dict[str, Any]
 """What a model remembers within an episode: tensors, numbers, and dicts of them, as a checkpoint holds."""
 
+UNBOUNDED = 5.0
+"""Stands for the range of an entry that has none: metres to a goal in a home. Source: ours."""
+_AS_GOOD_AS_UNBOUNDED = 1e4
+"""Some environments bound a number by the largest float."""
+
 
 @dataclass(frozen=True)
 class Spaces:
@@ -30,6 +35,9 @@ class Spaces:
     action_dim: int
     feature_dim: int = 0
     """Entries of ``features``, which ``System.wrap_env`` adds where a system wants them; else 0."""
+    task_range: tuple[float, ...] | None = None
+    """Greatest magnitude of each entry of the task observation, ``UNBOUNDED`` where there is none; None where
+    nobody knows."""
 
     @classmethod
     def of(cls, env: gymnasium.Env) -> "Spaces":
@@ -49,20 +57,30 @@ class Spaces:
             raise ConfigError(f"env has actions {action}; allowed: a Box with one axis")
         height, width, _ = shapes["rgb"]  # pyright: ignore[reportGeneralTypeIssues, reportOptionalIterable]
         feature_dim = math.prod(entries["features"].shape or ()) if "features" in entries else 0
-        return cls(height, width, shapes["task"][0], action.shape[0], feature_dim)  # pyright: ignore[reportOptionalSubscript]
+        task = entries["task"]
+        assert isinstance(task, gymnasium.spaces.Box)
+        return cls(height, width, task.shape[0], action.shape[0], feature_dim, _range_of(task))
+
+
+def _range_of(space: gymnasium.spaces.Box) -> tuple[float, ...]:
+    most = np.maximum(np.abs(space.low), np.abs(space.high)).astype(np.float64)
+    return tuple(value if 0 < value < _AS_GOOD_AS_UNBOUNDED else UNBOUNDED for value in most.tolist())
 
 
 def task_scale(config: AgentConfig, spaces: Spaces) -> tuple[float, ...]:
-    """What the entries of the task observation are divided by.
+    """What the entries of the task observation are divided by: as the config says, else their range.
 
     Raises:
         ConfigError: If the task observation has another size than the config says.
     """
     scale = config.world_model.task.scale
+    if scale is None:
+        return spaces.task_range or (1.0,) * spaces.task_dim
     if len(scale) != spaces.task_dim:
         raise ConfigError(
             f"world_model.task.scale has {len(scale)} entries but the environment's task observation has"
-            f" {spaces.task_dim}; give one number for each entry"
+            f" {spaces.task_dim}; give one number for each entry,"
+            " or null for what the environment says"
         )
     return scale
 
