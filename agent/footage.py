@@ -7,6 +7,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from jaxtyping import UInt8
 
 from agent.envs.episode_file import EpisodeSet
 from agent.envs.episodes import Episode
@@ -102,7 +103,7 @@ def _frames(env: PointNavEnv, policy: Policy, episode: Episode) -> Iterator[Pict
     yield from [frame] * LAST_FRAME_REPEATS
 
 
-def _view(rgb: Picture) -> Picture:
+def _view(rgb: Picture) -> UInt8[np.ndarray, "H2 W2 3"]:
     width = round(HEIGHT_PX * rgb.shape[1] / rgb.shape[0])
     return cv2.resize(rgb, (width, HEIGHT_PX), interpolation=cv2.INTER_NEAREST)
 

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from langwm_data.config import RobotConfig
-from langwm_data.scenes.homes import make_home
 from langwm_data.scenes.geometry import point_polygon_distance
+from langwm_data.scenes.homes import make_home
 from langwm_data.scenes.navigation import FreeSpace, floor_plan, obstacle_polygons
 from langwm_data.scenes.spec import (
     IDENTITY,
