@@ -9,6 +9,7 @@ from typing import cast
 import cv2
 import gymnasium
 import numpy as np
+from jaxtyping import UInt8
 
 from agent.envs.episode_file import EpisodeSet
 from agent.envs.episodes import Episode
@@ -105,7 +106,7 @@ def _frames(env: gymnasium.Env, policy: Policy, episode: Episode) -> Iterator[Pi
     yield from [frame] * LAST_FRAME_REPEATS
 
 
-def _view(rgb: Picture) -> Picture:
+def _view(rgb: Picture) -> UInt8[np.ndarray, "H2 W2 3"]:
     width = round(HEIGHT_PX * rgb.shape[1] / rgb.shape[0])
     return cv2.resize(rgb, (width, HEIGHT_PX), interpolation=cv2.INTER_NEAREST)
 

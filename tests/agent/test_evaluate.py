@@ -89,6 +89,7 @@ def test_files_hold_a_row_per_episode_and_the_scores(rows, tmp_path):
     expected |= {"length", "collisions", "path_length", "geodesic_distance", "return", "trajectory"}
     assert expected <= set(table.column_names)
     assert read_rows(tmp_path) == rows
+    assert read_rows(tmp_path, ("spl", "nothing")) == [{"spl": row["spl"]} for row in rows]
     held = json.loads((tmp_path / "summary.json").read_text())
     best = next(s for s in held["scores"] if s["system"] == "turn-to-goal" and s["tier"] is None)
     assert set(best["success"]) == {"mean", "low", "high"}
