@@ -20,7 +20,7 @@ import numpy as np
 from agent.config import EnvConfig
 from agent.envs.pointnav import PointNavEnv
 from agent.envs.sites import load_scene
-from agent.systems.controls import turn_to_goal
+from agent.systems.controls import make_turn_to_goal
 from langwm_data.scenes.navigation import FreeSpace
 from langwm_data.sim.world import World
 
@@ -38,7 +38,7 @@ def drive(env: PointNavEnv, steps: int, seed: int) -> tuple[float, float, float]
             before = time.process_time()
             obs, _ = env.reset(seed=seed + num_resets)
             resets, num_resets = resets + time.process_time() - before, num_resets + 1
-        action = rng.uniform(-1, 1, 2) if i < steps // 2 else turn_to_goal(obs, None)[0]
+        action = rng.uniform(-1, 1, 2) if i < steps // 2 else make_turn_to_goal(EnvConfig())(obs, None)[0]
         at = time.process_time(), time.perf_counter()
         obs, _, terminated, truncated, _ = env.step(action)
         cpu, clock = cpu + time.process_time() - at[0], clock + time.perf_counter() - at[1]
@@ -147,7 +147,9 @@ def _random(rng: np.random.Generator) -> tuple[float, float]:
 def _towards(goal: tuple[float, float], state) -> tuple[float, float]:
     angle = math.atan2(goal[1] - state.xy[1], goal[0] - state.xy[0])
     distance, bearing = math.dist(goal, state.xy), math.remainder(angle - state.yaw, 2 * math.pi)
-    linear, angular = turn_to_goal({"task": np.array([distance, bearing])}, None)[0].tolist()
+    linear, angular = make_turn_to_goal(EnvConfig())({"task": np.array([distance, bearing])}, None)[
+        0
+    ].tolist()
     return 0.5 * linear, math.pi / 2 * angular
 
 
