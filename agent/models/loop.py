@@ -68,7 +68,7 @@ class _Collect(torch.autograd.Function):
         return weight.new_zeros(())
 
     @staticmethod
-    def backward(ctx: Any, link: Tensor) -> tuple[Tensor, Tensor | None, None]:  # noqa: ANN401
+    def backward(ctx: Any, *grad_outputs: Tensor) -> tuple[Tensor, Tensor | None, None]:  # noqa: ANN401
         loop: _Loop = ctx.loop
         gradient, inputs = torch.cat(loop.gradients), torch.cat(loop.inputs)
         loop.gradients, loop.inputs = [], []
@@ -86,8 +86,9 @@ class _Step(torch.autograd.Function):
         return F.linear(x, loop.weight, loop.bias)
 
     @staticmethod
-    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, Tensor, None]:  # noqa: ANN401
+    def backward(ctx: Any, *grad_outputs: Tensor) -> tuple[Tensor | None, Tensor, None]:  # noqa: ANN401
         loop: _Loop = ctx.loop
+        (gradient,) = grad_outputs
         loop.inputs.append(ctx.saved_tensors[0])
         loop.gradients.append(gradient)
         back = gradient @ loop.weight if ctx.needs_input_grad[0] else None
