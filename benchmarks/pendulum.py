@@ -105,7 +105,7 @@ def play(env: gymnasium.Env, act: Any, seed: int) -> tuple[ReplayEpisode, float]
         actions.append(act(obs))
         obs, reward, _, is_over, _ = env.step(actions[-1])
         observations.append(obs)
-        rewards.append(reward)
+        rewards.append(float(reward))
     episode = ReplayEpisode(
         rgb=np.stack([o["rgb"] for o in observations]),
         task=np.stack([o["task"] for o in observations]),
