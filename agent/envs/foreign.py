@@ -92,8 +92,8 @@ class ForeignEnv(gymnasium.Wrapper[dict[str, np.ndarray], np.ndarray, Any, np.nd
         frame = self.env.render()
         if not isinstance(frame, np.ndarray):
             raise ConfigError(
-                f"env.pixels needs an environment whose render returns a picture; {_name_of(self.env)} returned"
-                f" {type(frame).__name__} (make it with render_mode='rgb_array')"
+                f"env.pixels needs an environment whose render returns a picture; {_name_of(self.env)}"
+                f" returned {type(frame).__name__} (make it with render_mode='rgb_array')"
             )
         return frame
 
@@ -157,8 +157,8 @@ def _entries_of(env: gymnasium.Env, *, has_pixels: bool) -> dict[str, spaces.Box
     rgb = entries.get("rgb")
     if rgb is None or rgb.dtype != np.uint8 or len(rgb.shape) != 3 or rgb.shape[2] not in (1, 3):
         raise ConfigError(
-            f"{_name_of(env)} observes {space}, which has no frames; allowed: a picture (H, W, 3) uint8, a Dict"
-            " with such an rgb, or env.pixels=true where render draws one"
+            f"{_name_of(env)} observes {space}, which has no frames; allowed: a picture (H, W, 3) uint8, a"
+            " Dict with such an rgb, or env.pixels=true where render draws one"
         )
     return entries
 
