@@ -70,7 +70,7 @@ class ReplayBatch:
         depth = (
             self.rgb.new_zeros(self.rgb.shape[:4], dtype=torch.float32) if self.depth is None else self.depth
         )
-        objects = self.objects or [[()] * self.rgb.shape[1]] * len(self.rgb)
+        objects = self.objects or [[[]] * self.rgb.shape[1]] * len(self.rgb)
         reward = self.reward.flatten().numpy(force=True)
         return FrameBatch(
             rgb=self.rgb.flatten(0, 1).numpy(force=True),

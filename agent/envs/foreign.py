@@ -19,7 +19,10 @@ _PICTURES = ("rgb", "depth")
 Size = tuple[int, int]
 
 
-class ForeignEnv(gymnasium.Wrapper[dict[str, np.ndarray], np.ndarray, Any, np.ndarray]):
+class ForeignEnv(
+    gymnasium.Wrapper[dict[str, np.ndarray], np.ndarray, Any, np.ndarray],
+    gymnasium.utils.RecordConstructorArgs,
+):
     """``env`` with the observation and the action that agents know.
 
     ``task`` holds every entry but ``rgb`` and ``depth`` one after another, in the order of their names; where
@@ -35,7 +38,8 @@ class ForeignEnv(gymnasium.Wrapper[dict[str, np.ndarray], np.ndarray, Any, np.nd
     """
 
     def __init__(self, env: gymnasium.Env, *, size: Size, has_pixels: bool = False) -> None:
-        super().__init__(env)
+        gymnasium.utils.RecordConstructorArgs.__init__(self, size=size, has_pixels=has_pixels)
+        gymnasium.Wrapper.__init__(self, env)
         self._size = size
         self._has_pixels = has_pixels
         self._entries = _entries_of(env, has_pixels=has_pixels)
