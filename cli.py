@@ -240,7 +240,7 @@ def train_agent_command(
     seed: Seed = None,
     fresh: Fresh = False,
 ) -> None:
-    """Train a world model and an actor-critic: PointGoal navigation, or any environment (--set env.id=NAME)."""
+    """Train an agent for PointGoal navigation, or for any environment (--set env.id=NAME)."""
     from agent.systems.registry import load_agent_config
     from agent.train import train_agent
 

@@ -68,13 +68,14 @@ class WheelsConfig:
 
 @config
 class EnvConfig:
-    """PointGoal navigation, or any environment of Gymnasium's. Source: iGibson turtlebot_point_nav.yaml unless
-    said otherwise.
+    """PointGoal navigation, or any environment of Gymnasium's. Source: iGibson turtlebot_point_nav.yaml
+    unless said otherwise.
     """
 
     id: str | None = None
-    """Another environment, named as ``gymnasium.make`` names it (``module:Name`` imports the module first). Of
-    the fields below it reads ``kwargs``, ``pixels`` and the camera's size alone. None: PointGoal navigation."""
+    """Another environment, named as ``gymnasium.make`` names it (``module:Name`` imports the module first).
+    Of the fields below it reads ``kwargs``, ``pixels`` and the camera's size alone. None: PointGoal
+    navigation."""
     kwargs: dict[str, Any] = field(default_factory=dict)
     """What ``gymnasium.make`` is given beside ``id``."""
     pixels: bool = False
@@ -136,7 +137,7 @@ class EnvConfig:
     """Seed of the fixed evaluation episodes."""
 
     def __post_init__(self) -> None:
-        """Refuse lights that the renderer does not have, tiers that there are not, and words without an env."""
+        """Refuse lights that the renderer lacks, tiers that there are not, and words without an env."""
         if self.id is None and (self.kwargs or self.pixels):
             raise ConfigError("env.kwargs and env.pixels are of another environment; give env.id as well")
         if self.randomize.lights != "fixed" and self.render.backend == "tiny":

@@ -141,8 +141,8 @@ def evaluate_runs(runs: Sequence[Path], plan: Plan, *, progress: Progress | None
     for run, config in zip(runs, configs, strict=True):
         if config.env.id is not None:
             raise ConfigError(
-                f"{run} learned in env {config.env.id!r}, which has no fixed episodes; score it alone, without"
-                " --split, --episodes-file, --workers and --video"
+                f"{run} learned in env {config.env.id!r}, which has no fixed episodes; score it alone,"
+                " without --split, --episodes-file, --workers and --video"
             )
     envs = [config.env for config in configs]
     for run, env in zip(runs, envs, strict=True):

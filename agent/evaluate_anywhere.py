@@ -1,6 +1,7 @@
 """Scores of an agent in an environment that is not PointGoal navigation, beside random actions.
 
-Owns what is written under ``RUN/eval`` for such a run: ``episodes.parquet``, a row for each, and ``summary.json``.
+Owns what is written under ``RUN/eval`` for such a run: ``episodes.parquet``, a row for each, and
+``summary.json``.
 Episode k is begun with the same seed whoever plays, so that differences are of the players.
 """
 
@@ -96,8 +97,8 @@ def evaluate_anywhere(
     agent = Agent.from_pretrained(run, device)
     if env is None and ":" in (agent.env.id or ""):
         raise ConfigError(
-            f"{run} names env.id {agent.env.id!r}, and what a run names is not imported; give the environment:"
-            " evaluate_anywhere(run, env=gymnasium.make(...))"
+            f"{run} names env.id {agent.env.id!r}, and what a run names is not imported; give the"
+            " environment: evaluate_anywhere(run, env=gymnasium.make(...))"
         )
     count = agent.config.eval_episodes if episodes is None else episodes
     world = agent.wrap_env(make_env(agent.env, env))

@@ -64,8 +64,8 @@ class ReplayBatch:
     def frames(self) -> FrameBatch:
         """All steps of all rows as single frames, for finetuning the autoencoder.
 
-        Where the buffer keeps no depth, it is zero: an autoencoder that fills in colours does not read it. Where
-        it keeps no objects, there are none: what neither hides nor tells of them does not miss them.
+        Where the buffer keeps no depth, it is zero: an autoencoder that fills in colours does not read it.
+        Where it keeps no objects, there are none: what neither hides nor tells of them does not miss them.
         """
         depth = (
             self.rgb.new_zeros(self.rgb.shape[:4], dtype=torch.float32) if self.depth is None else self.depth

@@ -13,8 +13,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from agent.config import AgentConfig
 from agent.best import Best
+from agent.config import AgentConfig
 from agent.envs.make import check_gives, make_env
 from agent.models.world_model import Metrics
 from agent.plan import bytes_a_step

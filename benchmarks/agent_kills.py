@@ -1,9 +1,9 @@
 """A training run killed again and again: does it learn what an undisturbed one learns?
 
-First ``langwm train-agent`` runs undisturbed. Then, in another folder, it is killed with SIGKILL once its log has
-reached a random step and a random moment longer, and started again, and in the end left to finish. Every logged
-number but those of speed, the weights, the best agent's weights and the episodes in the replay buffer are compared.
-Each start is a fork of this process, so that PyTorch is imported once.
+First ``langwm train-agent`` runs undisturbed. Then, in another folder, it is killed with SIGKILL once its log
+has reached a random step and a random moment longer, and started again, and in the end left to finish. Every
+logged number but those of speed, the weights, the best agent's weights and the episodes in the replay buffer
+are compared. Each start is a fork of this process, so that PyTorch is imported once.
 
     python -m benchmarks.agent_kills --out DIR [--kills 20] [--seed 0] [-- train-agent's own flags]
 """

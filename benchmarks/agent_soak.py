@@ -1,7 +1,7 @@
 """Does the memory of a long training run stay flat? Many short episodes with a small net, for a stated time.
 
-The frames are black and episodes end after a few steps, so that resets of scenes, physics and lights, files of the
-replay buffer that come and go, checkpoints and metrics happen as often as they would in many hours.
+The frames are black and episodes end after a few steps, so that resets of scenes, physics and lights, files
+of the replay buffer that come and go, checkpoints and metrics happen as often as they would in many hours.
 
     python -m benchmarks.agent_soak --out DIR [--seconds 300] [--set a.b=v]
 """

@@ -1,7 +1,7 @@
 """Two small tasks that are not this project's, drawn with numpy on 32 x 32 pixels, as Gymnasium environments.
 
-``KnownTasks/Reach-v0``: a point mass drives to a goal on the square [-1, 1]. ``KnownTasks/Pendulum-v0``: Gymnasium's
-Pendulum-v1 drawn as a bar, its rewards divided by ten. Importing this registers both.
+``KnownTasks/Reach-v0``: a point mass drives to a goal on the square [-1, 1]. ``KnownTasks/Pendulum-v0``:
+Gymnasium's Pendulum-v1 drawn as a bar, its rewards divided by ten. Importing this registers both.
 """
 
 from typing import Any

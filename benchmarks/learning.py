@@ -1,8 +1,9 @@
 """Does a system learn? Each trains on a small known task (``benchmarks.known_tasks``), beside random actions.
 
-Everything goes through ``train_agent``, as any environment does. Systems on the language-grounded autoencoder see
-through one with random weights that stays as it is (``--mae RUN``: a pretrained one), but ``mwm``, which needs neither
-depth nor labels to learn its own. Writes ``learning.md``, ``learning.json`` and ``curve.png`` in ``--out``.
+Everything goes through ``train_agent``, as any environment does. Systems on the language-grounded autoencoder
+see through one with random weights that stays as it is (``--mae RUN``: a pretrained one), but ``mwm``, which
+needs neither depth nor labels to learn its own. Writes ``learning.md``, ``learning.json`` and ``curve.png``
+into a folder of ``--out`` named after the task.
 
     python -m benchmarks.learning --system langwm --system curl --task reach --steps 3000 --out runs/learning
 """
@@ -21,7 +22,6 @@ import benchmarks.known_tasks  # noqa: F401  (registers the tasks)
 from agent.config import AgentConfig
 from agent.envs.make import make_env
 from agent.rollout import Policy, run_episode
-from pretrain.statistics import bootstrap_interval
 from agent.systems.agent import Agent
 from agent.systems.controls import make_random_policy
 from agent.systems.registry import SYSTEMS, load_agent_config
@@ -33,6 +33,7 @@ from pretrain.batch import TextTokens
 from pretrain.config import MAEConfig, TextConfig
 from pretrain.mae import LanguageGroundedMAE
 from pretrain.metrics import read_metrics
+from pretrain.statistics import bootstrap_interval
 
 SIZE = 32
 TASKS: dict[str, dict[str, Any]] = {
@@ -74,17 +75,17 @@ SIZES: dict[str, Any] = {
         "rssm": {"num_latents": 8, "num_classes": 8, "deter": 64, "hidden": 64},
         "head": SMALL,
         "task": SMALL | {"scale": None, "skips_pooling": True},
-        "loss_scales": {"reward": 10.0, "token": 0.1, "pool": 0.1},
-        "reward_transform": "identity",
+        "loss_scales": {"reward": 100.0, "token": 0.1, "pool": 0.1, "image": 0.01, "kl": 0.1},
+        "discount": 0.95,
         "learning_rate": 1e-3,
     },
     "behavior": {
         "imag_horizon": 8,
         "actor": SMALL,
         "critic": SMALL,
-        "entropy_scale": 1e-3,
-        "actor_learning_rate": 3e-4,
-        "critic_learning_rate": 1e-3,
+        "entropy_scale": 3e-2,
+        "actor_learning_rate": 2e-4,
+        "critic_learning_rate": 5e-4,
         "slow_critic_every": 25,
     },
     "batch_size": 8,

@@ -96,8 +96,8 @@ class ForeignEnv(
         frame = self.env.render()
         if not isinstance(frame, np.ndarray):
             raise ConfigError(
-                f"env.pixels needs an environment whose render returns a picture; {_name_of(self.env)} returned"
-                f" {type(frame).__name__} (make it with render_mode='rgb_array')"
+                f"env.pixels needs an environment whose render returns a picture; {_name_of(self.env)}"
+                f" returned {type(frame).__name__} (make it with render_mode='rgb_array')"
             )
         return frame
 
@@ -161,16 +161,19 @@ def _entries_of(env: gymnasium.Env, *, has_pixels: bool) -> dict[str, spaces.Box
     rgb = entries.get("rgb")
     if rgb is None or rgb.dtype != np.uint8 or len(rgb.shape) != 3 or rgb.shape[2] not in (1, 3):
         raise ConfigError(
-            f"{_name_of(env)} observes {space}, which has no frames; allowed: a picture (H, W, 3) uint8, a Dict"
-            " with such an rgb, or env.pixels=true where render draws one"
+            f"{_name_of(env)} observes {space}, which has no frames; allowed: a picture (H, W, 3) uint8, a"
+            " Dict with such an rgb, or env.pixels=true where render draws one"
         )
     return entries
 
 
 def _bounds_of(env: gymnasium.Env) -> tuple[np.ndarray, np.ndarray]:
     space = env.action_space
-    is_box = isinstance(space, spaces.Box) and np.issubdtype(space.dtype, np.floating)
-    if not is_box or not (np.isfinite(space.low).all() and np.isfinite(space.high).all()):
+    if (
+        not isinstance(space, spaces.Box)
+        or not np.issubdtype(space.dtype, np.floating)
+        or not np.isfinite([space.low, space.high]).all()
+    ):
         raise ConfigError(
             f"{_name_of(env)} has actions {space}; allowed: a Box of numbers with finite bounds"
         )

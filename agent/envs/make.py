@@ -45,6 +45,6 @@ def check_gives(env: gymnasium.Env, system: str, *, labels: bool, depth: bool) -
         missing.append("objects in its info")
     if missing:
         raise ConfigError(
-            f"system {system!r} learns from {' and '.join(missing)}, which this environment does not give; use"
-            " --features frozen with --mae RUN, or dreamerv2, curl or rad"
+            f"system {system!r} learns from {' and '.join(missing)}, which this environment does not give;"
+            " use --features frozen with --mae RUN, or dreamerv2, curl or rad"
         )
