@@ -95,7 +95,7 @@ class EnvConfig:
     wheel; metres forwards and radians to the left. Source: method notes, decision 23."""
     contacts: Literal["physics", "map"] = "physics"
     """``physics``: solids as they stand, by PyBullet; ``map``: their outlines seen from above, for which
-    PyBullet need not be installed. The robot slides along both. Source: ours (ADR-0016)."""
+    PyBullet need not be installed. The robot slides along both. Source: ours (ADR-0018)."""
     with_start_pose: bool = False
     """Add x, y in metres and yaw in radians to the task observation, in the frame of the start.
     Source: method notes, decision 22."""
@@ -123,7 +123,7 @@ class EnvConfig:
     Source: habitat-lab."""
     stop_above: Annotated[float, Field(gt=-1, lt=1)] = 0.5
     """``habitat``: the last entry of an action stops above this. At 0.5 a uniform one stops one time in four,
-    as a random choice of Habitat's four actions does. Source: ours (ADR-0016)."""
+    as a random choice of Habitat's four actions does. Source: ours (ADR-0018)."""
     distance_edges_m: Annotated[tuple[float, ...], AfterValidator(_ascending)] = (1.0, 3.0, 6.0, 10.0)
     """Edges of the tiers of geodesic distance from start to goal; the first and last bound all of them."""
     drawn_tiers: PositiveInt | None = None

@@ -9,10 +9,12 @@ from typing import cast
 import cv2
 import gymnasium
 import numpy as np
+from jaxtyping import UInt8
 
 from agent.envs.episode_file import EpisodeSet
 from agent.envs.episodes import Episode
 from agent.envs.pointnav import PointNavEnv
+from agent.envs.protocols import success_radius
 from agent.envs.sites import load_scene
 from agent.figures import Walk
 from agent.floorplans import FloorPicture, Picture
@@ -55,7 +57,7 @@ def write_maps(player: Player, episodes: EpisodeSet, rows: Sequence[Row]) -> lis
         if walks:
             plan = FloorPicture(load_scene(name, player.env), MAP_HEIGHT_PX)
             path = player.out / MAP_FOLDER / f"{episodes.split}-{name}.png"
-            atomic.write_bytes(path, encode_png(plan.draw(walks, player.env.success_radius_m)))
+            atomic.write_bytes(path, encode_png(plan.draw(walks, success_radius(player.env)[1])))
             written.append(path)
     return written
 
@@ -90,7 +92,7 @@ def _frames(env: gymnasium.Env, policy: Policy, episode: Episode) -> Iterator[Pi
     world = cast("PointNavEnv", env.unwrapped)
     plan = FloorPicture(load_scene(episode.scene, world.config), HEIGHT_PX)
     best, poses, state, is_over = world.field.path(episode.start_xy), [info["pose"]], None, False
-    goal, radius_m = (float(info["goal"][0]), float(info["goal"][1])), world.config.success_radius_m
+    goal, radius_m = (float(info["goal"][0]), float(info["goal"][1])), success_radius(world.config)[1]
     while True:
         positions = np.stack(poses)[:, :2]
         walk = Walk(positions=positions, goal=goal, is_success=bool(info["success"]) or not is_over)
@@ -105,7 +107,7 @@ def _frames(env: gymnasium.Env, policy: Policy, episode: Episode) -> Iterator[Pi
     yield from [frame] * LAST_FRAME_REPEATS
 
 
-def _view(rgb: Picture) -> Picture:
+def _view(rgb: Picture) -> UInt8[np.ndarray, "H2 W2 3"]:
     width = round(HEIGHT_PX * rgb.shape[1] / rgb.shape[0])
     return cv2.resize(rgb, (width, HEIGHT_PX), interpolation=cv2.INTER_NEAREST)
 

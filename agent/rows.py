@@ -81,8 +81,12 @@ def write_table(out: Path, rows: Sequence[Row]) -> None:
         pq.write_table(pa.Table.from_pylist(list(rows), schema=_SCHEMA), temporary)
 
 
-def read_rows(out: Path) -> list[Row]:
+def read_rows(out: Path, columns: Sequence[str] | None = None) -> list[Row]:
     """The rows of ``episodes.parquet``; none where there is no such file.
+
+    Args:
+        out: Folder of the evaluation.
+        columns: Those that are wanted, as far as the file has them; all when None. Trajectories are large.
 
     Raises:
         ValueError: If it cannot be read.
@@ -91,7 +95,8 @@ def read_rows(out: Path) -> list[Row]:
     if not path.is_file():
         return []
     try:
-        return pq.read_table(path).to_pylist()
+        known = pq.read_schema(path).names
+        return pq.read_table(path, columns=[name for name in columns or known if name in known]).to_pylist()
     except pa.ArrowException as error:
         raise ValueError(f"{path} cannot be read: {error}; remove it to score again") from error
 

@@ -30,7 +30,7 @@ def play_all(
     Those that stand in a folder already are taken from there; the others are played, and stand in the
     journal of the player's folder as soon as an episode is over.
     """
-    done = _known(players)
+    done = set(_known(players, columns=("player", "task")))
     turns = [
         Turn(p, number, episode)
         for p, player in enumerate(players)
@@ -51,11 +51,10 @@ def play_all(
         worker = PlayerWorker(players=players, split=episodes.split)
         with WorkerPool(worker, min(workers, len(turns))) as pool:
             pool.run(turns, report)
-        done = _known(players)
-    names = {"split": episodes.split}
+    held, names = _known(players), {"split": episodes.split}
     return {
         player: [
-            done[player.identity, task_of(episode)] | names | {"system": player.system, "episode": number}
+            held[player.identity, task_of(episode)] | names | {"system": player.system, "episode": number}
             for number, episode in numbered(episodes.episodes)
         ]
         for player in players
@@ -124,10 +123,12 @@ def numbered(episodes: Sequence[Episode]) -> list[tuple[int, Episode]]:
     return result
 
 
-def _known(players: Sequence[Player]) -> dict[tuple[str | None, str | None], Row]:
+def _known(
+    players: Sequence[Player], columns: Sequence[str] | None = None
+) -> dict[tuple[str | None, str | None], Row]:
     """Rows that stand in the players' folders, by who played what."""
     outs = dict.fromkeys(player.out for player in players)
-    held = [row for out in outs for row in (*read_rows(out), *Journal(out).read())]
+    held = [row for out in outs for row in (*read_rows(out, columns), *Journal(out).read())]
     return {(row.get("player"), row.get("task")): row for row in held}
 
 

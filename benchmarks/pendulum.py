@@ -97,7 +97,7 @@ class PixelPendulum(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return {"rgb": picture, "task": np.zeros(1, np.float32)}
 
 
-def play(env: PixelPendulum, act: Any, seed: int) -> tuple[ReplayEpisode, float]:
+def play(env: gymnasium.Env, act: Any, seed: int) -> tuple[ReplayEpisode, float]:
     """One episode; what the buffer stores of it, and its return."""
     obs, _ = env.reset(seed=seed)
     observations, actions, rewards, is_over = [obs], [np.zeros(1, np.float32)], [0.0], False
@@ -105,7 +105,7 @@ def play(env: PixelPendulum, act: Any, seed: int) -> tuple[ReplayEpisode, float]
         actions.append(act(obs))
         obs, reward, _, is_over, _ = env.step(actions[-1])
         observations.append(obs)
-        rewards.append(reward)
+        rewards.append(float(reward))
     episode = ReplayEpisode(
         rgb=np.stack([o["rgb"] for o in observations]),
         task=np.stack([o["task"] for o in observations]),
@@ -128,13 +128,13 @@ class Acting:
         return action
 
 
-def evaluate(env: PixelPendulum, model: Model, episodes: int) -> list[float]:
+def evaluate(env: gymnasium.Env, model: Model, episodes: int) -> list[float]:
     """Returns of episodes that are always the same."""
     seeds = range(EVAL_SEED, EVAL_SEED + episodes)
     return [play(env, Acting(model, seed, explore=False), seed)[1] for seed in seeds]
 
 
-def random_returns(env: PixelPendulum, episodes: int) -> list[float]:
+def random_returns(env: gymnasium.Env, episodes: int) -> list[float]:
     seeds = range(EVAL_SEED, EVAL_SEED + episodes)
     rngs = (make_rng(seed, "random") for seed in seeds)
     return [
@@ -143,7 +143,7 @@ def random_returns(env: PixelPendulum, episodes: int) -> list[float]:
     ]
 
 
-def learn(env: PixelPendulum, config: AgentConfig, episodes: int, every: int) -> list[dict[str, float]]:
+def learn(env: gymnasium.Env, config: AgentConfig, episodes: int, every: int) -> list[dict[str, float]]:
     """Whole episodes, then as many updates as they had steps; the scores along the way."""
     system, seed = find_system(config.system), config.seed
     model = system.create(config, Spaces.of(env))

@@ -196,7 +196,7 @@ def _serve(pipe: Connection, make_worker: WorkerFactory) -> None:
     # An interrupt from the keyboard reaches the whole group; the parent decides what it means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _leave)
-    with suppress(EOFError, BrokenPipeError), make_worker() as work:
+    with suppress(EOFError, BrokenPipeError, ConnectionResetError), make_worker() as work:
         while True:
             task = pipe.recv()
             try:

@@ -148,7 +148,7 @@ class LanguageGroundedMAE(nn.Module):
         return self.cls_token.device
 
     def null_text(self, batch_size: int) -> TextTokens:
-        """The empty caption, once for each image, without the places for more sentences, unseen."""
+        """The empty caption, once for each image, without unseen places for more sentences."""
         length = self.text.num_tokens + 1
         return TextTokens(
             embed=self.null_embed[:, :length].expand(batch_size, -1, -1),

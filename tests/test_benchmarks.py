@@ -2,6 +2,7 @@
 
 import json
 import os
+import pathlib
 import re
 import shutil
 import subprocess
@@ -188,3 +189,23 @@ def test_combinations_are_trained_and_asked_the_same(tmp_path, monkeypatch):
         rows[2].split("|")[3].strip() == f"{errors['mean']:.3f} [{errors['low']:.3f}, {errors['high']:.3f}]"
     )
     assert not rows[3].split("|")[3].strip()
+
+
+def test_an_updates_parts_add_up_to_the_whole(tmp_path):
+    flags = ["--only", "vector", "--preset", "debug", "--rounds", "2", "--threads", "1"]
+    files = ["--json", str(tmp_path / "speed.json"), "--markdown", str(tmp_path / "speed.md")]
+    script = pathlib.Path(kills.__file__).with_name("agent.py")
+    done = subprocess.run(
+        [sys.executable, str(script), *flags, *files], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    found = json.loads((tmp_path / "speed.json").read_text())
+    rows = {row["part"]: row for row in found["updates"]["vector"]["rows"]}
+    whole = rows.pop("whole update")
+    assert {"replay: 16 x 50 steps read", "world model", "behaviour"} <= rows.keys()
+    assert sum(row["gflop"] for row in rows.values()) == pytest.approx(whole["gflop"])
+    assert whole["gflop"] > 0
+    assert all(r["wall_s_low"] <= r["wall_s"] <= r["wall_s_high"] for r in rows.values())
+    assert found["updates"]["vector"]["peak_mib"] > 50
+    assert found["matmul_gflops"]["fp32"] > 0
+    assert "| behaviour |" in (tmp_path / "speed.md").read_text()

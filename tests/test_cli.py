@@ -186,3 +186,16 @@ def test_inspect_without_the_viewer_prints_nothing_first(monkeypatch, capsys):
     heard = capsys.readouterr()
     assert heard.out == ""
     assert "--rerun needs the Rerun SDK" in heard.err
+
+
+def test_a_probe_takes_several_datasets_the_first_of_which_has_both_splits(monkeypatch, tmp_path):
+    asked = []
+    monkeypatch.setattr(
+        "pretrain.probing.run.probe_mae", lambda config, out, **more: asked.append(config) or out / "page"
+    )
+    words = ["probe-mae", "RUN", "--data", "A", "--data", "B", "--data", "C", "--out", str(tmp_path)]
+    assert cli.run(words) == 0
+    assert (asked[0].data, asked[0].others) == ("A", ("B", "C"))
+    assert cli.run(["probe-mae", "RUN", "--data", "A", "--out", str(tmp_path)]) == 0
+    assert (asked[1].data, asked[1].others) == ("A", ())
+    assert cli.run(["probe-mae", "RUN", "--out", str(tmp_path)]) == 2

@@ -54,7 +54,11 @@ def _text(system: str, cells: Sequence[CellResult]) -> str:
     configs = [result.config for result in cells if result.config is not None]
     if configs:
         facts += _facts(configs[0])
-    return " ".join(fact for fact in facts if fact)
+    return " ".join(_as_sentence(fact) for fact in facts if fact)
+
+
+def _as_sentence(text: str) -> str:
+    return text[0].upper() + text[1:] + ("" if text.endswith(".") else ".")
 
 
 def _facts(config: AgentConfig) -> list[str]:
@@ -62,8 +66,8 @@ def _facts(config: AgentConfig) -> list[str]:
     facts = ["An update every step." if every == 1 else f"An update every {every} steps."]
     if config.mae is not None:
         facts.append(
-            "Its autoencoder was pretrained on rendered frames that the other systems never saw and is"
-            f" {'held fixed' if config.features == 'frozen' else 'trained on'}."
+            "Its autoencoder was pretrained on rendered frames, beside the environment steps counted here,"
+            f" and is {'held fixed' if config.features == 'frozen' else 'trained on'}."
         )
     return facts
 

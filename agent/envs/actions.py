@@ -5,7 +5,7 @@ Every entry lies in [-1, 1] and is clipped to it. ``velocity``: forward and turn
 forwards and radians to the left, turned first. Protocol ``habitat`` adds one entry, which stops: above
 ``config.stop_above`` the robot stays where it is and the episode is over.
 
-Source: method notes, decision 23; ours (ADR-0016).
+Source: method notes, decision 23; ours (ADR-0018).
 """
 
 from dataclasses import dataclass

@@ -285,7 +285,7 @@ def _serve(pipe: Connection, factory: Callable[[], gymnasium.Env]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     faulthandler.enable()
     env: gymnasium.Env | None = None
-    with suppress(EOFError, BrokenPipeError):
+    with suppress(EOFError, BrokenPipeError, ConnectionResetError):
         while True:
             command = pipe.recv()
             try:

@@ -10,12 +10,13 @@ from torch import Tensor, nn
 
 from agent.config import BehaviorConfig
 from agent.models.distributions import TruncatedNormal
+from agent.models.loop import autocast_dtype
 from agent.models.nets import make_linear, make_mlp
 from agent.models.readout import make_head, make_readout
 from agent.models.return_scale import ReturnScale
 from agent.models.returns import lambda_return, step_weight
 from agent.models.rssm import Latent
-from agent.models.world_model import Metrics, WorldModel
+from agent.models.world_model import Metrics, WorldModel, as_floats
 
 MIN_STD = 0.1
 MAX_STD = 1.0
@@ -79,20 +80,25 @@ def imagine(
 ) -> Imagination:
     """Follow the policy through the prior. Gradients reach the actor through the dynamics.
 
+    States are kept in the precision in which networks read them: cast once, not by each network anew.
+
     Source: DreamerV2 (the policy's input is detached).
     """
-    state, feats, actions, entropies = start, [start.feat], [], []
+    dtype = autocast_dtype(start.deter)
+    state, feats, actions, entropies = start, [start.feat.to(dtype)], [], []
     for _ in range(behavior.config.imag_horizon):
         policy = behavior.policy(feats[-1].detach())
         action = policy.rsample(generator)
         state = model.rssm.imagine_step(state, action, generator)
-        feats.append(state.feat)
+        feats.append(state.feat.to(dtype))
         actions.append(action)
         entropies.append(policy.entropy())
-    feat = torch.stack(feats, 1)
-    reached = feat[:, 1:]
+    left, reached = (
+        torch.stack(feats[:-1], 1),
+        torch.stack(feats[1:], 1),
+    )  # whole: networks read slices slowly
     return Imagination(
-        feat=feat[:, :-1],
+        feat=left,
         action=torch.stack(actions, 1),
         entropy=torch.stack(entropies, 1),
         reward=model.predict_reward(reached),
@@ -138,11 +144,13 @@ def behavior_metrics(
     imagined: Imagination, returns: Float[Tensor, "B T"], actor: Tensor, critic: Tensor
 ) -> Metrics:
     """Scalars worth a curve."""
-    return {
-        "behavior/actor_loss": actor.item(),
-        "behavior/critic_loss": critic.item(),
-        "behavior/entropy": imagined.entropy.mean().item(),
-        "behavior/imagined_reward": imagined.reward.mean().item(),
-        "behavior/imagined_return": returns.mean().item(),
-        "behavior/imagined_discount": imagined.discount.mean().item(),
-    }
+    return as_floats(
+        {
+            "behavior/actor_loss": actor,
+            "behavior/critic_loss": critic,
+            "behavior/entropy": imagined.entropy.mean(),
+            "behavior/imagined_reward": imagined.reward.mean(),
+            "behavior/imagined_return": returns.mean(),
+            "behavior/imagined_discount": imagined.discount.mean(),
+        }
+    )

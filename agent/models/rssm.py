@@ -14,6 +14,7 @@ from torch import Tensor, nn
 
 from agent.config import RSSMConfig
 from agent.models.distributions import categorical_kl, mix_uniform, sample_straight_through
+from agent.models.loop import LoopLinear, looping
 from agent.models.nets import LayerNormGRUCell, make_linear, make_mlp
 
 
@@ -57,13 +58,13 @@ class RSSM(nn.Module):
         num_logits = config.num_latents * config.num_classes
         self.feat_dim = config.feat_dim
         self.action_dim = action_dim
-        self.stoch_in = make_linear(num_logits, config.hidden)
+        self.stoch_in = make_linear(num_logits, config.hidden, kind=LoopLinear)
         self.action_in = nn.Linear(action_dim, config.hidden, bias=False)
         self.cell = LayerNormGRUCell(config.hidden, config.deter)
         self.prior_head = make_mlp(config.deter, config.hidden, 1, num_logits)
-        self.post_deter = make_linear(config.deter, config.hidden)
+        self.post_deter = make_linear(config.deter, config.hidden, kind=LoopLinear)
         self.post_embed = nn.Linear(embed_dim, config.hidden, bias=False)
-        self.post_out = make_linear(config.hidden, num_logits)
+        self.post_out = make_linear(config.hidden, num_logits, kind=LoopLinear)
 
     def initial(self, batch: int) -> Latent:
         """The state before anything was seen: all zeros."""
@@ -83,22 +84,23 @@ class RSSM(nn.Module):
         """Posterior states along a sequence, and the prior logits at the same steps.
 
         Only what depends on the previous step runs inside the loop: the projections of ``embed`` and
-        ``action`` and the prior are computed for all steps at once.
+        ``action``, the prior and the gradients of weights are computed for all steps at once.
         """
         keep = (~is_first).to(embed.dtype)
         action_in = self.action_in(action * keep[..., None])
         embed_in = self.post_embed(embed)
         deters, stochs, logits = [], [], []
         deter, stoch = state.deter, state.stoch
-        for t in range(embed.shape[1]):
-            gate = keep[:, t, None]
-            deter = self._advance(deter * gate, stoch * gate[..., None], action_in[:, t])
-            hidden = nn.functional.elu(self.post_deter(deter) + embed_in[:, t])
-            logit = self._split(self.post_out(hidden))
-            stoch = sample_straight_through(logit, generator)
-            deters.append(deter)
-            stochs.append(stoch)
-            logits.append(logit)
+        with looping(self.stoch_in, self.cell.linear, self.post_deter, self.post_out):
+            for t in range(embed.shape[1]):
+                gate = keep[:, t, None]
+                deter = self._advance(deter * gate, stoch * gate[..., None], action_in[:, t])
+                hidden = nn.functional.elu(self.post_deter(deter) + embed_in[:, t])
+                logit = self._split(self.post_out(hidden))
+                stoch = sample_straight_through(logit, generator)
+                deters.append(deter)
+                stochs.append(stoch)
+                logits.append(logit)
         post = Latent(torch.stack(deters, 1), torch.stack(stochs, 1), torch.stack(logits, 1))
         return post, self._split(self.prior_head(post.deter))
 

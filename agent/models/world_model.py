@@ -4,6 +4,7 @@ Owns no optimizer and never touches what perceives: the visual input arrives det
 """
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import torch
@@ -110,14 +111,20 @@ def world_model_loss(
     scales = dataclasses.asdict(model.config.loss_scales)
     assert losses.keys() <= scales.keys()
     loss = torch.stack([scales[name] * value for name, value in losses.items()]).sum()
-    metrics = {f"wm/{name}_loss": value.item() for name, value in losses.items()}
+    metrics = {f"wm/{name}_loss": value for name, value in losses.items()}
     metrics |= {
-        "wm/loss": loss.item(),
-        "wm/kl": kl.mean().item(),
-        "wm/post_entropy": categorical_entropy(post.logit.detach()).mean().item(),
-        "wm/prior_entropy": categorical_entropy(prior_logit.detach()).mean().item(),
+        "wm/loss": loss,
+        "wm/kl": kl.mean(),
+        "wm/post_entropy": categorical_entropy(post.logit.detach()).mean(),
+        "wm/prior_entropy": categorical_entropy(prior_logit.detach()).mean(),
     }
-    return loss, metrics, post
+    return loss, as_floats(metrics), post
+
+
+def as_floats(metrics: Mapping[str, Tensor]) -> Metrics:
+    """Scalars as numbers, all in one go: each on its own would make a GPU wait."""
+    values = torch.stack([value.detach().float() for value in metrics.values()])
+    return dict(zip(metrics, values.tolist(), strict=True))
 
 
 def reconstruction_losses(

@@ -11,7 +11,9 @@ import numpy as np
 from jaxtyping import Float64
 from numpy.typing import NDArray
 
+from agent.envs.actions import make_action, speed_limits
 from agent.envs.pointnav import PointNavEnv
+from agent.envs.protocols import success_radius
 from agent.rollout import Policy
 from langwm_data.scenes.navigation import FreeSpace
 
@@ -23,6 +25,8 @@ BESIDE_M = 0.03
 """So far beside a straight drive there must be room as well: a free cell is free at its middle only."""
 SAMPLE_M = 0.02
 """Distance of the points at which a straight drive is looked at."""
+STOP_SHARE = 0.9
+"""It stops, where it has to, within this share of the distance that counts."""
 TURN_ABOVE_RAD = math.radians(20)
 """Beyond this bearing it turns on the spot."""
 
@@ -45,6 +49,8 @@ def make_oracle(env: gymnasium.Env) -> Policy:
             f"the oracle needs PointNavEnv, which knows the way; {type(world).__name__} does not"
         )
 
+    config = world.config
+
     def act(obs: Mapping[str, np.ndarray], state: Target | None) -> tuple[np.ndarray, Target]:
         place = np.array(world.robot.xy)
         target = state
@@ -53,9 +59,10 @@ def make_oracle(env: gymnasium.Env) -> Policy:
             target = _aim(world, place)
         towards = math.atan2(*(target - place)[::-1])
         bearing = math.remainder(towards - world.robot.yaw, 2 * math.pi)
-        turn = bearing / (world.config.max_angular_rad_s * world.config.step_s)
-        speed = 0.0 if abs(bearing) > TURN_ABOVE_RAD else 1.0
-        return np.clip([speed, turn], -1, 1).astype(np.float32), target
+        speed = 0.0 if abs(bearing) > TURN_ABOVE_RAD else speed_limits(config)[0]
+        turn = bearing / config.step_s
+        is_there = world.field.distance(place) < STOP_SHARE * success_radius(config)[1]
+        return make_action(config, linear_m_s=speed, angular_rad_s=turn, is_stop=is_there), target
 
     return act
 

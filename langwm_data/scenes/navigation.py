@@ -281,7 +281,7 @@ def floor_plan(scene: SceneSpec) -> list[tuple[str, Array]]:
         category = table[instance][0]
         if category in ("ceiling", "ceiling_lamp"):
             continue
-        bottom, top = Boxes.of_parts([(position, orientation, part)]).bounds[0, :, 2].tolist()
+        bottom, top = map(float, Boxes.of_parts([(position, orientation, part)]).bounds[0, :, 2])
         if category == "wall" and bottom > 0:
             continue
         order = {"floor": -1.0, "wall": 99.0}.get(category, top)

@@ -3,7 +3,7 @@
 ``SolidObstacles`` asks PyBullet for the distance between the robot and each solid, exactly as they stand.
 ``MapObstacles`` asks the outlines from which free space is made: what reaches into the robot's height, seen
 from above. It needs no physics engine. Round solids count as the polygons around them there, and solids that
-lean or narrow as their whole outline, so the map blocks a little more. Source: ours (ADR-0016).
+lean or narrow as their whole outline, so the map blocks a little more. Source: ours (ADR-0018).
 """
 
 import math

@@ -99,7 +99,7 @@ def measure_grounding(
         progress: Called with frames done and all frames.
 
     Raises:
-        ConfigError: If no hidden box covers a pixel with valid depth.
+        ConfigError: If no hidden object has a pixel with valid depth.
     """
     parts = []
     for start in range(0, len(scene), _CHUNK):
@@ -114,8 +114,8 @@ def measure_grounding(
     errors: dict[str, dict[str, Errors]] = {
         name: dict(zip(REGIONS, values[:-1], strict=True)) for name, values in joined.items()
     }
-    if not np.isfinite(errors[RIGHT][BOX]).any():
-        raise ConfigError(f"none of the {len(scene)} hidden boxes covers a pixel with valid depth")
+    if not np.isfinite(errors[RIGHT][OBJECT]).any():
+        raise ConfigError(f"none of the {len(scene)} hidden objects has a pixel with valid depth")
     return GroundingResult(
         scene=scene, errors=errors, depths={name: values[-1] for name, values in joined.items()}
     )

@@ -18,6 +18,8 @@ from pretrain.object_masking import HiddenObjects, box_with_margin
 from pretrain.probing.claims import RIGHT, Claims, make_claims
 from pretrain.update import assemble
 
+MAX_DONORS = 2000
+"""Objects of other frames whose captions and nouns are used for lies."""
 _CHUNK = 64
 
 
@@ -82,7 +84,7 @@ def make_probe_scene(
     numbers = sorted(usable[:num_frames])
     seen = frames.batch(numbers)
     height, width = seen.depth.shape[1:]
-    donors = [o for held in frames.objects for o in held]
+    donors = _some(make_rng(seed, "donors"), [o for held in frames.objects for o in held])
     shown = [held[rng.integers(len(held))] for held in seen.objects]
     boxes = [box_with_margin(rng, o, (height, width), objects.margin_px) for o in shown]
     claims = tuple(make_claims(rng, o, donors, width, objects.distance_format) for o in shown)
@@ -99,6 +101,13 @@ def make_probe_scene(
         objects=tuple(shown),
         claims=claims,
     )
+
+
+def _some(rng: np.random.Generator, objects: list[FrameObject]) -> list[FrameObject]:
+    """Enough of them to choose from: each hidden object looks through all."""
+    if len(objects) <= MAX_DONORS:
+        return objects
+    return [objects[n] for n in rng.permutation(len(objects))[:MAX_DONORS]]
 
 
 def _inside(box: tuple[int, int, int, int], height: int, width: int) -> NDArray[np.bool_]:

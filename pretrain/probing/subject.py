@@ -10,7 +10,7 @@ import numpy as np
 
 from langwm_data.config_io import CONFIG_FILE, ConfigError, load_config_file
 from langwm_data.scenes.spec import Split
-from langwm_data.scenes.splits import describe_held_out
+from langwm_data.scenes.splits import HeldOut, describe_held_out
 from langwm_data.shards.manifest import Manifest
 from pretrain.config import ObjectMaskConfig, PretrainConfig, ProbeConfig
 from pretrain.dataset import FrameDataset, open_split
@@ -124,10 +124,11 @@ def _check_same_scenes(first: str, expected: Manifest, other: str, found: Manife
 
 def _title(frames: FrameDataset, model_splits: dict[str, str]) -> str:
     """Such as ``test frames: unseen textures``; furniture counts where some of it is held out at all."""
-    holds_out = frames.shards.manifest.holds_out
-    if "test" not in model_splits.values():
-        holds_out = tuple(what for what in holds_out if what != "models")
-    return f"test frames: {describe_held_out(holds_out)}"
+    has_models = "test" in model_splits.values()
+    unseen: list[HeldOut] = [
+        what for what in frames.shards.manifest.holds_out if has_models or what != "models"
+    ]
+    return f"test frames: {describe_held_out(unseen)}"
 
 
 def _objects_of(run: Path) -> ObjectMaskConfig:

@@ -5,6 +5,7 @@ import pyarrow.parquet as pq
 import pytest
 from scipy import stats
 
+from agent.config import EnvConfig
 from agent.envs.episodes import Episode
 from agent.evaluate import play, read_rows, summarise, write_rows
 from agent.systems.controls import CONTROLS
@@ -36,7 +37,11 @@ def room(make_room):
 
 def play_controls(room, count=6):
     episodes = [make_episode(i) for i in range(count)]
-    return [row for name in CONTROLS for row in play(name, CONTROLS[name], room, episodes, split="test")]
+    return [
+        row
+        for name in CONTROLS
+        for row in play(name, CONTROLS[name](EnvConfig()), room, episodes, split="test")
+    ]
 
 
 @pytest.fixture
@@ -58,7 +63,9 @@ def test_playing_again_gives_the_same_rows(rows, room):
 
 def test_progress_counts_episodes(room):
     seen = []
-    play("random", CONTROLS["random"], room, [make_episode(0)] * 3, split="test", tick=seen.append)
+    play(
+        "random", CONTROLS["random"](EnvConfig()), room, [make_episode(0)] * 3, split="test", tick=seen.append
+    )
     assert seen == [1, 2, 3]
 
 
@@ -89,6 +96,7 @@ def test_files_hold_a_row_per_episode_and_the_scores(rows, tmp_path):
     expected |= {"length", "collisions", "path_length", "geodesic_distance", "return", "trajectory"}
     assert expected <= set(table.column_names)
     assert read_rows(tmp_path) == rows
+    assert read_rows(tmp_path, ("spl", "nothing")) == [{"spl": row["spl"]} for row in rows]
     held = json.loads((tmp_path / "summary.json").read_text())
     best = next(s for s in held["scores"] if s["system"] == "turn-to-goal" and s["tier"] is None)
     assert set(best["success"]) == {"mean", "low", "high"}
@@ -115,7 +123,7 @@ def test_an_unknown_split_is_refused():
     from agent.evaluate import evaluate_agent
 
     with pytest.raises(ConfigError, match="--split 'attic' is unknown; allowed: train, test"):
-        evaluate_agent(CONTROLS["random"], split="attic")
+        evaluate_agent(CONTROLS["random"](EnvConfig()), split="attic")
 
 
 def test_a_folder_without_an_agent_is_refused(tmp_path):

@@ -19,7 +19,7 @@ from agent.evaluate import Plan, evaluate_agent, evaluate_run, evaluate_runs
 from agent.rows import LOCK_FILE, Journal, claimed, read_rows
 from agent.systems import langwm
 from agent.systems.agent import Agent
-from agent.systems.controls import straight_ahead
+from agent.systems.controls import make_straight_ahead
 from agent.systems.system import Spaces
 from langwm_data.config import RenderConfig
 from langwm_data.config_io import ConfigError, config_to_yaml
@@ -199,7 +199,9 @@ def test_a_file_of_episodes_is_what_is_played(run, config, tmp_path):
 
 
 def test_a_policy_of_the_callers_is_scored(config, tmp_path):
-    summary = evaluate_agent(straight_ahead, env=config.env, episodes_per_scene=1, out=tmp_path)
+    summary = evaluate_agent(
+        make_straight_ahead(config.env), env=config.env, episodes_per_scene=1, out=tmp_path
+    )
     ours, theirs = (
         [r | {"system": "", "player": ""} for r in read_rows(tmp_path) if r["system"] == name]
         for name in ("agent", "straight-ahead")
@@ -207,7 +209,10 @@ def test_a_policy_of_the_callers_is_scored(config, tmp_path):
     assert ours == theirs
     first = next(d for d in summary.differences if d.second == "straight-ahead")
     assert (first.p_value, first.means["spl"].mean) == (1.0, 0.0)
-    assert evaluate_agent(straight_ahead, env=config.env, episodes_per_scene=1).scores == summary.scores
+    assert (
+        evaluate_agent(make_straight_ahead(config.env), env=config.env, episodes_per_scene=1).scores
+        == summary.scores
+    )
 
 
 def test_refusals_leave_the_folder_alone(run, config, tmp_path):

@@ -11,10 +11,10 @@ def load(name):
 
 
 def test_presets_are_these():
-    assert preset_names("agent") == ["debug", "dreamerv3", "grid", "paper", "tiny"]
+    assert preset_names("agent") == ["debug", "dreamerv3", "grid", "homes", "paper", "tiny"]
 
 
-@pytest.mark.parametrize("name", ["debug", "dreamerv3", "grid", "paper", "tiny"])
+@pytest.mark.parametrize("name", ["debug", "dreamerv3", "grid", "homes", "paper", "tiny"])
 def test_preset_loads(name):
     assert load(name).system == "langwm"
 
@@ -49,6 +49,14 @@ def test_dreamerv3_is_what_it_adds_and_off_without_the_preset():
     assert on.behavior.return_scale == "percentile"
     assert (off.world_model.rssm.unimix, off.behavior.return_scale) == (0.0, "none")
     assert (off.world_model.reward_transform, off.behavior.value_transform) == ("symlog", "identity")
+
+
+def test_paper_rewards_as_igibson_does_and_homes_pays_progress_more():
+    paper, homes = load("paper").env.reward, load("homes").env.reward
+    assert (paper.progress, paper.collision, paper.success) == (1.0, -0.1, 10.0)
+    assert dataclasses.replace(homes, progress=1.0) == paper
+    # Five centimetres towards the goal, touching something, still pay.
+    assert homes.progress * 0.05 + homes.collision > 0 > paper.progress * 0.05 + paper.collision
 
 
 def test_tiny_keeps_the_papers_latents():

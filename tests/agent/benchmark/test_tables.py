@@ -1,18 +1,21 @@
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from grid_folders import begin_grid, write_cell
 
 from agent.benchmark.grid import Cell
+from agent.benchmark.notes import system_notes
 from agent.benchmark.paper import PAPER_FLOORS, PAPER_PARTS, PAPER_TABLE
 from agent.benchmark.results import read_results
 from agent.benchmark.rows import TABLE
 from agent.benchmark.scores import differences, score_split
 from agent.benchmark.tables import cost_table, difference_table, main_table, tier_table
 from agent.benchmark.typeset import Entry, Line, Table, to_latex, to_markdown
+from agent.systems.registry import SYSTEMS
 from langwm_data.scenes.splits import BUILDINGS, IGIBSON_BUILDINGS, split_of_scene
 from pretrain.statistics import Interval
 
@@ -100,7 +103,19 @@ def test_notes_say_what_was_asked_of_the_systems_and_what_is_missing(main, resul
     half = main_table(results, score_split(results, "test"))
     text = " ".join(text for _, text in half.notes)
     assert "has one seed" in text
-    assert "pretrained on rendered frames that the other systems never saw and is trained on" in text
+    assert (
+        "pretrained on rendered frames, beside the environment steps counted here, and is trained on" in text
+    )
+
+
+def test_what_the_registry_says_of_a_system_stands_in_its_note(results, monkeypatch):
+    told = replace(SYSTEMS["langwm"], note="our reading: no depth")
+    monkeypatch.setitem(SYSTEMS, "langwm", told)
+    notes = dict(system_notes(results, ["random", "langwm", "turn-to-goal"]).values())
+    assert notes == {
+        "a": "Our reading: no depth. An update every 5 steps.",
+        "b": "Reads the goal's bearing; blind to obstacles.",
+    }
 
 
 def test_distances_stand_beside_one_another(results):

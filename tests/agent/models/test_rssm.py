@@ -119,3 +119,16 @@ def test_frozen_lets_gradients_through_but_not_in():
         net(x).sum().backward()
     assert x.grad is not None
     assert all(p.grad is None and p.requires_grad for p in net.parameters())
+
+
+def test_frozen_weights_are_cast_once_and_come_back():
+    net = make_mlp(3, 4, 1, 1)
+    weights, x = [m.weight for m in net if hasattr(m, "weight")], torch.ones(2, 3)
+    with torch.autocast("cpu", torch.bfloat16):
+        plain = net(x)
+        with frozen(net):
+            assert {m.weight.dtype for m in net if hasattr(m, "weight")} == {torch.bfloat16}
+            assert torch.equal(net(x), plain)
+    assert all(m.weight is w for m, w in zip((net[0], net[2]), weights, strict=True))
+    with frozen(net):
+        assert net[0].weight.dtype == torch.float32

@@ -1,11 +1,12 @@
 import numpy as np
 
+from agent.config import EnvConfig
 from agent.rollout import run_episode
-from agent.systems.controls import CONTROLS, make_random_policy, straight_ahead, turn_to_goal
+from agent.systems.controls import CONTROLS, make_random_policy, make_straight_ahead, make_turn_to_goal
 
 
 def test_turn_to_goal_arrives_in_an_empty_room(make_room):
-    records = [run_episode(make_room(), turn_to_goal, seed=seed) for seed in range(20)]
+    records = [run_episode(make_room(), make_turn_to_goal(EnvConfig()), seed=seed) for seed in range(20)]
     assert all(r.success for r in records)
     assert np.mean([r.spl for r in records]) > 0.9
 
@@ -26,7 +27,7 @@ def test_random_actions_fill_their_range():
 
 
 def test_straight_ahead_never_turns(make_room):
-    walk = run_episode(make_room(), straight_ahead, seed=0).trajectory
+    walk = run_episode(make_room(), make_straight_ahead(EnvConfig()), seed=0).trajectory
     assert np.ptp(walk[:, 2]) < 1e-9
 
 

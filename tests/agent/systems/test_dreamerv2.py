@@ -9,6 +9,7 @@ from agent.models.pixels import as_pixels, as_rgb
 from agent.replay import ReplayBatch
 from agent.systems.agent import Agent
 from agent.systems.dreamerv2 import PixelPerception
+from agent.systems.learner import DreamerLearner
 from agent.systems.registry import find_system, load_agent_config
 from agent.train import train_agent
 from langwm_data.config_io import ConfigError
@@ -51,7 +52,9 @@ def make_batch(batch=3, length=5):
 def make(config, name, spaces):
     system, config = find_system(name), configure(config, name)
     model = system.create(config, dataclasses.replace(spaces, feature_dim=VECTOR_DIM))
-    return model, system.make_learner(model, config)
+    learner = system.make_learner(model, config)
+    assert isinstance(learner, DreamerLearner)
+    return model, learner
 
 
 @pytest.mark.parametrize("name", NAMES)

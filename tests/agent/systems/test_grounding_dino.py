@@ -7,10 +7,13 @@ import pytest
 import torch
 
 from agent.config import AgentConfig, GroundingDinoConfig
+from agent.systems.agent import Agent
 from agent.systems.grounding_dino import GroundingDino, load_grounding_dino, make_prompt, wrap_env
+from agent.train import train_agent
 from langwm_data.config import ScenesConfig
 from langwm_data.config_io import ConfigError
 from langwm_data.scenes.taxonomy import CATEGORIES
+from pretrain.metrics import read_metrics
 
 PROMPT = "chair. office chair. bed."
 SMALL = {"d_model": 32, "encoder_layers": 1, "decoder_layers": 2, "num_queries": 9}
@@ -132,6 +135,17 @@ def test_the_environment_shows_the_vector(tiny_dino, make_room):
     obs, _ = env.reset(seed=0)
     assert obs["features"].shape == (4 * 32 + 2 * 37,)
     assert env.observation_space.contains(obs | {"task": obs["task"]})
+
+
+def test_a_run_learns_from_the_vector_and_hands_on_an_agent(tiny_dino, tiny_config, make_room, tmp_path):
+    config = dataclasses.replace(
+        tiny_config, system="dreamerv2-grounding-dino", grounding_dino=make_config(tiny_dino), steps=30
+    )
+    run = train_agent(config, tmp_path / "run", env=make_room(max_steps=9))
+    assert any("wm/vector_loss" in row for row in read_metrics(run))
+    agent = Agent.from_pretrained(run)
+    assert agent.spaces.feature_dim == 4 * 32 + 2 * 37
+    assert agent.act(agent.wrap_env(make_room()).reset(seed=0)[0])[0].shape == (2,)
 
 
 def test_weights_out_of_reach_are_one_sentence(tmp_path):

@@ -1,6 +1,7 @@
 import dataclasses
 
 import pytest
+import torch
 
 from agent.config import AgentConfig
 from agent.systems import langwm
@@ -22,6 +23,15 @@ def test_sizes_of_the_paper(model, spaces):
 def test_frames_that_do_not_fit_the_mae_are_refused(frozen_config, spaces):
     with pytest.raises(ConfigError, match=r"32 x 16 pixels but the MAE reads 16 x 16"):
         langwm.create(frozen_config, dataclasses.replace(spaces, height=32))
+
+
+def test_frames_are_encoded_a_few_at_a_time(tiny_config, spaces, monkeypatch):
+    perception = langwm.create(tiny_config, spaces).perception
+    rgb = torch.randint(0, 256, (7, 16, 16, 3), dtype=torch.uint8)
+    together = perception.encode({"rgb": rgb})
+    monkeypatch.setattr(langwm, "FRAMES_AT_ONCE", 3)
+    torch.testing.assert_close(perception.encode({"rgb": rgb}), together)
+    torch.testing.assert_close(perception.mae.encode(rgb), together)
 
 
 def test_only_finetuning_needs_labels(tiny_config, frozen_config):

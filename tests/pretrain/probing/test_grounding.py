@@ -9,6 +9,7 @@ import torch
 
 from langwm_data.config_io import ConfigError
 from langwm_data.labels.captions import format_distance
+from pretrain.config import ObjectMaskConfig
 from pretrain.probing.claims import CAPTIONS, CATEGORY, DIRECTION, DISTANCE, EMPTY, OTHER, RIGHT
 from pretrain.probing.compare import heed_distance
 from pretrain.probing.grounding import (
@@ -130,9 +131,10 @@ def test_frames_in_parts_have_the_same_truth(believed, believer, saying_text, pl
     assert seen == [(3, 8), (6, 8), (8, 8)]
 
 
-def test_boxes_without_valid_depth_are_refused(scene, model, text, prior):
-    none = replace(scene, batch=replace(scene.batch, depth=torch.zeros_like(scene.batch.depth)))
-    with pytest.raises(ConfigError, match="none of the 6 hidden boxes covers a pixel with valid depth"):
+def test_objects_without_valid_depth_are_refused_whatever_else_their_boxes_hide(scene, model, text, prior):
+    depth = torch.where(scene.is_object, 0.0, scene.batch.depth)
+    none = replace(scene, batch=replace(scene.batch, depth=depth))
+    with pytest.raises(ConfigError, match="none of the 6 hidden objects has a pixel with valid depth"):
         measure_grounding(model, text, none, prior, seed=0)
 
 
@@ -160,3 +162,12 @@ def test_frames_without_objects_are_refused(held_out, text):
     held_out.objects = [[] for _ in held_out.objects]
     with pytest.raises(ConfigError, match="show no object that could be hidden"):
         make_probe_scene(held_out, text, _objects(), num_frames=6, seed=0)
+
+
+def test_lies_are_drawn_from_a_part_of_many_objects(held_out, text, monkeypatch):
+    monkeypatch.setattr("pretrain.probing.scene.MAX_DONORS", 1)
+    scene = make_probe_scene(held_out, text, ObjectMaskConfig(), num_frames=8, seed=0)
+    told = [claims[CATEGORY].text for claims in scene.claims if CATEGORY in claims]
+    nouns = {noun for noun in ("chair", "sofa", "bed") if any(noun in text for text in told)}
+    assert told
+    assert len(nouns) == 1
