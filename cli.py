@@ -234,12 +234,13 @@ def train_agent_command(
     ] = None,
     features: Annotated[str | None, typer.Option("--features", help="frozen or finetuned.")] = None,
     steps: Steps = None,
+    plan: Annotated[bool, typer.Option("--plan", help="Say what it will take, and do nothing.")] = False,
     preset: Preset = [],  # noqa: B006
     assignments: Set = [],  # noqa: B006
     seed: Seed = None,
     fresh: Fresh = False,
 ) -> None:
-    """Train a world model and an actor-critic for PointGoal navigation."""
+    """Train an agent for PointGoal navigation, or for any environment (--set env.id=NAME)."""
     from agent.systems.registry import load_agent_config
     from agent.train import train_agent
 
@@ -247,6 +248,11 @@ def train_agent_command(
     flags |= {"steps": steps, "seed": seed}
     flags["env"] = None if data is None else {"scenes": {"baked": str(data)}}
     config = load_agent_config(system, presets=preset, overrides=_overrides(flags, assignments))
+    if plan:
+        from agent.plan import plan_training
+
+        typer.echo(plan_training(config).as_text())
+        return
     with _progress("environment steps") as progress:
         path = train_agent(config, out, fresh=fresh, progress=progress)
     typer.echo(f"agent at {path}; score it with: langwm evaluate-agent {path}")
@@ -271,6 +277,16 @@ def evaluate_agent_command(
     """Score agents on the same fixed episodes, beside random, straight-ahead, turn-to-goal and an oracle."""
     from agent.evaluate import EVAL_FOLDER, Plan, evaluate_runs
 
+    if len(runs) == 1 and (split, episodes_file, workers, videos) == ("test", None, 1, 0):
+        from agent.evaluate_anywhere import evaluate_anywhere, is_elsewhere
+
+        if is_elsewhere(runs[0]):
+            with _progress("episodes") as progress:
+                typer.echo(
+                    evaluate_anywhere(runs[0], episodes=episodes, device=device, progress=progress).as_text()
+                )
+            typer.echo(f"rows at {runs[0] / EVAL_FOLDER}")
+            return
     plan = Plan(
         split=split,
         episodes_per_scene=episodes,

@@ -138,6 +138,12 @@ def evaluate_runs(runs: Sequence[Path], plan: Plan, *, progress: Progress | None
     if len({run.resolve() for run in runs}) < max(1, len(runs)):
         raise ConfigError(f"runs {', '.join(map(str, runs))} must be one or more, none of them twice")
     configs = [_config_of(run) for run in runs]
+    for run, config in zip(runs, configs, strict=True):
+        if config.env.id is not None:
+            raise ConfigError(
+                f"{run} learned in env {config.env.id!r}, which has no fixed episodes; score it alone,"
+                " without --split, --episodes-file, --workers and --video"
+            )
     envs = [config.env for config in configs]
     for run, env in zip(runs, envs, strict=True):
         if world_of(env) != world_of(envs[0]):

@@ -17,7 +17,8 @@ from agent.best import Best
 from agent.config import AgentConfig
 from agent.envs.make import check_gives, make_env
 from agent.models.world_model import Metrics
-from agent.replay import Replay, check_disk, step_bytes
+from agent.plan import bytes_a_step
+from agent.replay import Replay, check_disk
 from agent.rollout import Collector
 from agent.systems.agent import Agent
 from agent.systems.controls import make_random_policy
@@ -107,14 +108,7 @@ def is_finished(config: AgentConfig, out: Path) -> bool:
 
 
 def _check_disk(config: AgentConfig, system: System, spaces: Spaces, out: Path) -> None:
-    size = step_bytes(
-        spaces.height,
-        spaces.width,
-        spaces.task_dim + spaces.action_dim,
-        with_depth=system.needs_depth(config),
-        with_objects=system.needs_labels(config),
-        features=spaces.feature_dim,
-    )
+    size = bytes_a_step(config, system, spaces)
     # Episodes that left since the last checkpoint still have their files.
     steps = min(config.steps, config.replay.capacity_steps + config.checkpoint_every)
     folder = out / REPLAY_FOLDER

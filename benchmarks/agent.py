@@ -54,6 +54,7 @@ STAGES = {
     "world model": ("agent.systems.learner:DreamerLearner._update_world_model",),
     "behaviour": ("agent.systems.learner:DreamerLearner._update_behavior",),
 }
+TASK_DIM = 4
 VECTOR = 256
 """Numbers in place of tokens."""
 
@@ -65,7 +66,7 @@ class VectorModel(ObservationModel):
         super().__init__()
         head, model = config.world_model.head, config.world_model
         self.embed_dim = head.units
-        self.encoder = make_mlp(VECTOR + len(model.task.scale), head.units, head.layers)
+        self.encoder = make_mlp(VECTOR + TASK_DIM, head.units, head.layers)
         self.decoder = make_mlp(model.rssm.feat_dim, head.units, head.layers, VECTOR)
 
     def embed(self, visual: Tensor, task: Tensor) -> Tensor:
@@ -128,7 +129,7 @@ def noise_episode(rng: np.random.Generator, config: AgentConfig, length: int) ->
     return ReplayEpisode(
         rgb=rng.integers(0, 256, (length, camera.height, camera.width, 3), dtype=np.uint8),
         depth_mm=rng.integers(500, 9000, (length, camera.height, camera.width), dtype=np.uint16),
-        task=rng.normal(size=(length, len(config.world_model.task.scale))).astype(np.float32),
+        task=rng.normal(size=(length, TASK_DIM)).astype(np.float32),
         action=rng.uniform(-1, 1, (length, 2)).astype(np.float32),
         reward=rng.normal(size=length).astype(np.float32),
         objects=[objects] * length,
@@ -148,7 +149,7 @@ def fill_replay(folder: Path, config: AgentConfig) -> Replay:
 def make_learners(config: AgentConfig, only: str | None) -> dict[str, Learner]:
     """The contestants."""
     camera = config.env.camera
-    spaces = Spaces(height=camera.height, width=camera.width, task_dim=4, action_dim=2)
+    spaces = Spaces(height=camera.height, width=camera.width, task_dim=TASK_DIM, action_dim=2)
     learners: dict[str, Learner] = {}
     if only in (None, "paper"):
         system = find_system("langwm")

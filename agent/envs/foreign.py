@@ -19,7 +19,10 @@ _PICTURES = ("rgb", "depth")
 Size = tuple[int, int]
 
 
-class ForeignEnv(gymnasium.Wrapper[dict[str, np.ndarray], np.ndarray, Any, np.ndarray]):
+class ForeignEnv(
+    gymnasium.Wrapper[dict[str, np.ndarray], np.ndarray, Any, np.ndarray],
+    gymnasium.utils.RecordConstructorArgs,
+):
     """``env`` with the observation and the action that agents know.
 
     ``task`` holds every entry but ``rgb`` and ``depth`` one after another, in the order of their names; where
@@ -35,7 +38,8 @@ class ForeignEnv(gymnasium.Wrapper[dict[str, np.ndarray], np.ndarray, Any, np.nd
     """
 
     def __init__(self, env: gymnasium.Env, *, size: Size, has_pixels: bool = False) -> None:
-        super().__init__(env)
+        gymnasium.utils.RecordConstructorArgs.__init__(self, size=size, has_pixels=has_pixels)
+        gymnasium.Wrapper.__init__(self, env)
         self._size = size
         self._has_pixels = has_pixels
         self._entries = _entries_of(env, has_pixels=has_pixels)
@@ -165,8 +169,11 @@ def _entries_of(env: gymnasium.Env, *, has_pixels: bool) -> dict[str, spaces.Box
 
 def _bounds_of(env: gymnasium.Env) -> tuple[np.ndarray, np.ndarray]:
     space = env.action_space
-    is_box = isinstance(space, spaces.Box) and np.issubdtype(space.dtype, np.floating)
-    if not is_box or not (np.isfinite(space.low).all() and np.isfinite(space.high).all()):
+    if (
+        not isinstance(space, spaces.Box)
+        or not np.issubdtype(space.dtype, np.floating)
+        or not np.isfinite([space.low, space.high]).all()
+    ):
         raise ConfigError(
             f"{_name_of(env)} has actions {space}; allowed: a Box of numbers with finite bounds"
         )
