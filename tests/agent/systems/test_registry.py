@@ -40,7 +40,8 @@ def test_an_unknown_system_is_refused():
 
 
 def test_spaces_are_read_from_the_environment(make_room):
-    assert Spaces.of(make_room()) == Spaces(height=16, width=16, task_dim=4, action_dim=2)
+    sizes = Spaces(height=16, width=16, task_dim=4, action_dim=2, task_range=(5.0,) * 4)
+    assert Spaces.of(make_room()) == sizes
 
 
 class NoPictures(gymnasium.Env):
