@@ -278,7 +278,7 @@ def evaluate_agent_command(
     from agent.evaluate import EVAL_FOLDER, Plan, evaluate_runs
 
     if len(runs) == 1 and (split, episodes_file, workers, videos) == ("test", None, 1, 0):
-        from agent.evaluate_anywhere import evaluate_anywhere, is_elsewhere
+        from agent.scoring.anywhere import evaluate_anywhere, is_elsewhere
 
         if is_elsewhere(runs[0]):
             with _progress("episodes") as progress:

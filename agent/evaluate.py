@@ -19,11 +19,11 @@ from agent.envs.episode_file import (
     read_episode_file,
     write_episode_file,
 )
-from agent.players import Player, control_player, trained_player, world_of
 from agent.rollout import Policy
-from agent.rows import EPISODES_FILE, Row, claimed, read_rows
-from agent.scoring import SUMMARY_FILE, Progress, keep_rows, play, play_all, write_rows
-from agent.summary import MEANS, Score, Summary, compare, pool_runs, summarise
+from agent.scoring.players import Player, control_player, trained_player, world_of
+from agent.scoring.playing import SUMMARY_FILE, Progress, keep_rows, play, play_all, write_rows
+from agent.scoring.rows import EPISODES_FILE, Row, claimed, read_rows
+from agent.scoring.summary import MEANS, Score, Summary, compare, pool_runs, summarise
 from agent.systems.agent import Agent
 from agent.systems.controls import CONTROL_NAMES
 from langwm_data.config_io import CONFIG_FILE, ConfigError, load_config_file
@@ -218,7 +218,7 @@ def _evaluate(
             own = [agent, *controls]
             keep_rows(agent.out, own, [row for p in own for row in rows[p]], episodes)
         if plan.videos:
-            from agent.footage import film, write_maps  # matplotlib, which nothing else here needs
+            from agent.scoring.footage import film, write_maps  # matplotlib, which nothing else here needs
 
             for agent in agents:
                 film(agent, episodes, plan.videos)

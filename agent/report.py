@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from agent.evaluate import EVAL_FOLDER, Row, Score, read_rows, summarise
 from agent.figures import Curve, curve_figure, map_figure
-from agent.footage import walk_of
+from agent.scoring.footage import walk_of
 from langwm_data import atomic
 from langwm_data.png import image_address
 from langwm_data.scenes.navigation import floor_plan

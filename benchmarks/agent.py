@@ -47,7 +47,7 @@ from benchmarks.stages import stage_clock
 from pretrain.batch import FrameObject
 
 STAGES = {
-    "replay: 16 x 50 steps read": ("agent.replay:Replay.sample",),
+    "replay: 16 x 50 steps read": ("agent.replay.buffer:Replay.sample",),
     "MAE: frames augmented, hidden, told of": ("agent.systems.finetune:make_mae_batch",),
     "MAE: update": ("agent.systems.finetune:mae_update",),
     "features": ("agent.systems.langwm:MAEPerception.encode",),

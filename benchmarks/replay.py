@@ -20,7 +20,7 @@ from safetensors import safe_open
 
 from agent.config import ReplayConfig
 from agent.replay import Replay, ReplayEpisode, step_bytes
-from agent.replay_files import read_entry
+from agent.replay.files import read_entry
 
 MIB = 2**20
 EPISODES, LENGTH, SIZE = 12, 300, (128, 160)

@@ -23,9 +23,9 @@ from agent.benchmark.record import Stopwatch, describe_machine
 from agent.config import AgentConfig, EnvConfig
 from agent.envs.episode_file import make_episode_set
 from agent.evaluate import EVAL_FOLDER, evaluate_run
-from agent.players import control_player
-from agent.rows import claimed
-from agent.scoring import keep_rows, play_all
+from agent.scoring.players import control_player
+from agent.scoring.playing import keep_rows, play_all
+from agent.scoring.rows import claimed
 from agent.systems.agent import WEIGHTS_FILE
 from agent.train import train_agent
 from langwm_data.baking import open_scenes

@@ -20,7 +20,7 @@ from agent.benchmark.record import Record, read_record, record_path
 from agent.benchmark.rows import in_table_order
 from agent.config import AgentConfig
 from agent.evaluate import EVAL_FOLDER
-from agent.rows import EPISODES_FILE
+from agent.scoring.rows import EPISODES_FILE
 from langwm_data.config_io import CONFIG_FILE, ConfigError, load_config_file
 from pretrain.metrics import read_metrics
 

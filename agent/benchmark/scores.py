@@ -11,7 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from agent.benchmark.results import Played, Results
-from agent.statistics import hierarchical_bootstrap_interval, shared_episodes_interval, wilson_interval
+from agent.scoring.statistics import (
+    hierarchical_bootstrap_interval,
+    shared_episodes_interval,
+    wilson_interval,
+)
 from langwm_data.seeding import make_rng
 from pretrain.statistics import Interval, bootstrap_interval
 

@@ -16,7 +16,7 @@ import cli
 from agent import evaluate
 from agent.envs.episode_file import make_episode_set, read_episode_file, write_episode_file
 from agent.evaluate import Plan, evaluate_agent, evaluate_run, evaluate_runs
-from agent.rows import LOCK_FILE, Journal, claimed, read_rows
+from agent.scoring.rows import LOCK_FILE, Journal, claimed, read_rows
 from agent.systems import langwm
 from agent.systems.agent import Agent
 from agent.systems.controls import make_straight_ahead

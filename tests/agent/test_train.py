@@ -6,7 +6,7 @@ import signal
 import numpy as np
 import pytest
 
-from agent.replay_files import write_episode
+from agent.replay.files import write_episode
 from agent.systems.agent import Agent
 from agent.train import train_agent
 from langwm_data.config import CameraConfig
@@ -146,7 +146,7 @@ def test_a_full_disk_stops_a_run_with_its_last_checkpoint_intact(
         return write_episode(path, episode)
 
     with monkeypatch.context() as patch:
-        patch.setattr("agent.replay.write_episode", write)
+        patch.setattr("agent.replay.buffer.write_episode", write)
         with pytest.raises(OSError, match="No space left on device"):
             train_agent(tiny_config, out, env=make_room(max_steps=9))
     assert latest_checkpoint(out).name == "step-000000040"

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.stats import binomtest
 
-from agent.rows import Row
-from agent.statistics import hierarchical_bootstrap_interval, wilson_interval
+from agent.scoring.rows import Row
+from agent.scoring.statistics import hierarchical_bootstrap_interval, wilson_interval
 from langwm_data.seeding import make_rng
 from pretrain.statistics import Interval, percentiles
 

@@ -8,7 +8,7 @@ import pytest
 from gymnasium import spaces
 
 from agent.evaluate import Plan, evaluate_runs
-from agent.evaluate_anywhere import evaluate_anywhere, is_elsewhere
+from agent.scoring.anywhere import evaluate_anywhere, is_elsewhere
 from agent.train import train_agent
 from langwm_data.config_io import ConfigError
 

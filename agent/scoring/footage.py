@@ -17,10 +17,10 @@ from agent.envs.pointnav import PointNavEnv
 from agent.envs.protocols import success_radius
 from agent.envs.sites import load_scene
 from agent.figures import Walk
-from agent.floorplans import FloorPicture, Picture
-from agent.players import Player
 from agent.rollout import Policy
-from agent.rows import Row
+from agent.scoring.floorplans import FloorPicture, Picture
+from agent.scoring.players import Player
+from agent.scoring.rows import Row
 from langwm_data import atomic
 from langwm_data.png import encode_png
 

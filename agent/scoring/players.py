@@ -15,7 +15,7 @@ from agent.envs.episodes import EPISODES_VERSION, Episode
 from agent.envs.pointnav import PointNavEnv
 from agent.envs.sites import load_scene
 from agent.rollout import Policy, run_episode
-from agent.rows import Journal, checksum, make_row, task_of
+from agent.scoring.rows import Journal, checksum, make_row, task_of
 from agent.systems.agent import CONFIG_FILE, WEIGHTS_FILE, Agent
 from agent.systems.controls import make_control
 from langwm_data.config import CameraConfig, LabelsConfig, RenderConfig, ScenesConfig

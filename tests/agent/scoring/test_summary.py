@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from agent.statistics import hierarchical_bootstrap_interval
-from agent.summary import MEANS, compare, mcnemar_exact, pool_runs, summarise
+from agent.scoring.statistics import hierarchical_bootstrap_interval
+from agent.scoring.summary import MEANS, compare, mcnemar_exact, pool_runs, summarise
 
 
 def make_rows(system, success, spl=None, split="test", task="t"):

@@ -18,8 +18,8 @@ import torch
 from jaxtyping import Int64
 
 from agent.config import ReplayConfig
-from agent.replay_episodes import ReplayBatch, ReplayEpisode, TransitionBatch
-from agent.replay_files import FEATURE, read_entry, step_bytes, write_episode
+from agent.replay.episodes import ReplayBatch, ReplayEpisode, TransitionBatch
+from agent.replay.files import FEATURE, read_entry, step_bytes, write_episode
 from langwm_data.config_io import ConfigError
 from langwm_data.shards.sample import to_metres
 

@@ -17,9 +17,9 @@ import pyarrow.parquet as pq
 from agent.envs.make import make_env
 from agent.evaluate import EVAL_FOLDER
 from agent.rollout import Policy, run_episode
-from agent.rows import EPISODES_FILE, Row
-from agent.scoring import SUMMARY_FILE
-from agent.statistics import wilson_interval
+from agent.scoring.playing import SUMMARY_FILE
+from agent.scoring.rows import EPISODES_FILE, Row
+from agent.scoring.statistics import wilson_interval
 from agent.systems.agent import Agent
 from agent.systems.controls import make_random_policy
 from langwm_data import atomic

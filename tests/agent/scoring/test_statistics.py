@@ -4,7 +4,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from agent.statistics import hierarchical_bootstrap_interval, shared_episodes_interval, wilson_interval
+from agent.scoring.statistics import (
+    hierarchical_bootstrap_interval,
+    shared_episodes_interval,
+    wilson_interval,
+)
 from pretrain.statistics import bootstrap_interval
 
 

@@ -9,10 +9,10 @@ import gymnasium
 
 from agent.envs.episode_file import EpisodeSet
 from agent.envs.episodes import EPISODES_VERSION, Episode
-from agent.players import Player, PlayerWorker, Turn
 from agent.rollout import Policy, run_episode
-from agent.rows import Journal, Row, key_of, make_row, read_rows, task_of, write_table
-from agent.summary import compare, summarise
+from agent.scoring.players import Player, PlayerWorker, Turn
+from agent.scoring.rows import Journal, Row, key_of, make_row, read_rows, task_of, write_table
+from agent.scoring.summary import compare, summarise
 from agent.systems.controls import CONTROL_NAMES
 from langwm_data import atomic
 from langwm_data.workers import WorkerPool

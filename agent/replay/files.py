@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agent.replay_episodes import ReplayEpisode
+from agent.replay.episodes import ReplayEpisode
 from langwm_data import atomic
 from pretrain.batch import FrameObject
 
