@@ -21,7 +21,7 @@ def model():
         pooling=PoolingConfig(dim=8, num_heads=2, num_layers=1, mlp_ratio=2),
         rssm=RSSMConfig(num_latents=4, num_classes=4, deter=8, hidden=8),
         head=MLPConfig(layers=1, units=8),
-        task=TaskConfig(layers=1, units=8),
+        task=TaskConfig(layers=1, units=8, scale=(5.0, 3.14, 0.5, 1.57)),
     )
     return WorldModel(config, TokenModel(config, num_tokens=2, token_dim=4, task_dim=4), action_dim=2)
 

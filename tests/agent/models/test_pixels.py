@@ -13,7 +13,7 @@ CONFIG = WorldModelConfig(
     pixels=PixelConfig(channels=4),
     rssm=RSSMConfig(num_latents=8, num_classes=8, deter=32, hidden=32),
     head=MLPConfig(layers=1, units=32),
-    task=TaskConfig(layers=1, units=32),
+    task=TaskConfig(layers=1, units=32, scale=(5.0, 3.14, 0.5, 1.57)),
     loss_scales=LossScales(task=1.0),
 )
 

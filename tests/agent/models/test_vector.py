@@ -12,7 +12,7 @@ CONFIG = WorldModelConfig(
     vector=MLPConfig(layers=2, units=24),
     rssm=RSSMConfig(num_latents=8, num_classes=8, deter=32, hidden=32),
     head=MLPConfig(layers=1, units=32),
-    task=TaskConfig(layers=1, units=16),
+    task=TaskConfig(layers=1, units=16, scale=(5.0, 3.14, 0.5, 1.57)),
     loss_scales=LossScales(task=1.0),
 )
 

@@ -11,7 +11,7 @@ CONFIG = WorldModelConfig(
     pooling=PoolingConfig(dim=16, num_heads=2, num_layers=1, mlp_ratio=2, dropout=0.0),
     rssm=RSSMConfig(num_latents=8, num_classes=8, deter=32, hidden=32),
     head=MLPConfig(layers=1, units=32),
-    task=TaskConfig(layers=1, units=32),
+    task=TaskConfig(layers=1, units=32, scale=(5.0, 3.14, 0.5, 1.57)),
 )
 
 

@@ -215,8 +215,11 @@ def test_frames_too_small_are_refused(make_config):
 
 
 def test_another_task_observation_is_refused(make_config):
+    config = make_config()
+    task = dataclasses.replace(config.world_model.task, scale=(1.0,) * 4)
+    config = dataclasses.replace(config, world_model=dataclasses.replace(config.world_model, task=task))
     with pytest.raises(ConfigError, match=r"world_model.task.scale has 4 entries but .* has 3"):
-        create(make_config(), Spaces(16, 16, 3, 2))
+        create(config, Spaces(16, 16, 3, 2))
 
 
 def test_augmentations_that_exclude_each_other_are_refused():
