@@ -1,8 +1,7 @@
 """The agent whose last episodes of training went best, kept beside the one that was trained last.
 
-Owns what is best: of the checkpoints whose last ``WINDOW`` episodes were all of the learner's own, the one
-with the highest share of successes in them, or the highest mean return where successes are equal or not
-known.
+Owns what is best: of the checkpoints whose last ``WINDOW`` episodes were all of the learner's own, the one with
+the highest share of successes in them, or the highest mean return where successes are equal or not known.
 """
 
 from collections import deque

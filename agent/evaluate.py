@@ -246,10 +246,8 @@ def _episodes(env: EnvConfig, plan: Plan) -> EpisodeSet:
 
 def _config_of(run: Path) -> AgentConfig:
     """What a run was trained with, and where its baked scenes lie if it still has its own config file."""
-    config, path = Agent.from_pretrained(run).config, run / CONFIG_FILE
-    if path.is_file():
-        config = load_config_file(AgentConfig, path)
-    return replace(config, env=replace(config.env, with_labels=False))
+    path = run / CONFIG_FILE
+    return load_config_file(AgentConfig, path) if path.is_file() else Agent.from_pretrained(run).config
 
 
 def _labels(systems: Sequence[str], runs: Sequence[Path]) -> list[str]:

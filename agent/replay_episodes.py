@@ -67,15 +67,14 @@ class ReplayBatch:
         Where the buffer keeps no depth, it is zero: an autoencoder that fills in colours does not read it.
         Where it keeps no objects, there are none: what neither hides nor tells of them does not miss them.
         """
-        depth = (
-            self.rgb.new_zeros(self.rgb.shape[:4], dtype=torch.float32) if self.depth is None else self.depth
-        )
-        objects = self.objects or [[[]] * self.rgb.shape[1]] * len(self.rgb)
+        shape = self.rgb.shape[:4]
+        depth = torch.zeros(shape, device=self.rgb.device) if self.depth is None else self.depth
+        objects = [held for row in self.objects or () for held in row]
         reward = self.reward.flatten().numpy(force=True)
         return FrameBatch(
             rgb=self.rgb.flatten(0, 1).numpy(force=True),
             depth=depth.flatten(0, 1).numpy(force=True),
-            objects=[held for row in objects for held in row],
+            objects=objects or [[] for _ in reward],
             reward=reward,
             has_reward=np.ones(len(reward), dtype=np.bool_),
         )

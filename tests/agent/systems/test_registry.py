@@ -8,7 +8,7 @@ from gymnasium import spaces
 from agent.config import SystemName
 from agent.systems.own_encoder import NAME
 from agent.systems.registry import OVERLAYS, SYSTEMS, find_system, load_agent_config
-from agent.systems.system import UNBOUNDED, Spaces
+from agent.systems.system import Spaces
 from langwm_data.config_io import ConfigError, load_preset, preset_names
 
 
@@ -40,8 +40,8 @@ def test_an_unknown_system_is_refused():
 
 
 def test_spaces_are_read_from_the_environment(make_room):
-    found = Spaces(height=16, width=16, task_dim=4, action_dim=2, task_range=(UNBOUNDED,) * 4)
-    assert Spaces.of(make_room()) == found
+    sizes = Spaces(height=16, width=16, task_dim=4, action_dim=2, task_range=(5.0,) * 4)
+    assert Spaces.of(make_room()) == sizes
 
 
 class NoPictures(gymnasium.Env):
