@@ -21,7 +21,7 @@ MAX_STEPS = 30
 Obs = dict[str, np.ndarray]
 
 
-class Reach(gymnasium.Env[Obs, np.ndarray]):
+class Reach(gymnasium.Env[Any, np.ndarray]):
     """A blue point drives to a red goal; the reward is what it came nearer, and 1 for arriving.
 
     Args:
@@ -74,5 +74,5 @@ def make_pendulum(*, is_blind: bool = False) -> gymnasium.Env:
     return TransformReward(PixelPendulum(is_blind=is_blind), lambda reward: 0.1 * float(reward))
 
 
-gymnasium.register("KnownTasks/Reach-v0", entry_point=Reach, max_episode_steps=MAX_STEPS)
-gymnasium.register("KnownTasks/Pendulum-v0", entry_point=make_pendulum)
+gymnasium.register("KnownTasks/Reach-v0", entry_point=f"{__name__}:Reach", max_episode_steps=MAX_STEPS)
+gymnasium.register("KnownTasks/Pendulum-v0", entry_point=f"{__name__}:make_pendulum")

@@ -52,6 +52,18 @@ def refuse(capsys, *arguments: str) -> str:
         ),
         (["train-agent", "--out", "x", "--preset", "debug", "--system", "hal"], "'hal'"),
         (["train-agent", "--out", "x", "--preset", "debug", "--mae", "nowhere"], "nowhere"),
+        (
+            ["train-agent", "--out", "x", "--system", "curl", "--set", "env.id=Nothing-v0"],
+            "env.id 'Nothing-v0' cannot be made: NameNotFound",
+        ),
+        (
+            ["train-agent", "--out", "x", "--system", "curl", "--set", "env.id=Pendulum-v1"],
+            "which has no frames; allowed: a picture",
+        ),
+        (
+            ["train-agent", "--out", "x", "--plan", "--set", "env.pixels=true"],
+            "env.kwargs and env.pixels are of another environment",
+        ),
         (["evaluate-agent", "nowhere"], "nowhere"),
         (["benchmark", "--out", "x", "--systems", "langwm,hal"], "--systems: 'hal' is unknown; allowed: "),
         (["benchmark", "--out", "x", "--seeds", "4-0"], "--seeds '4-0' is not of the form 0-4, 7 or 0-2,5"),
@@ -83,6 +95,17 @@ def test_a_file_where_a_folder_should_be_is_kept(command, capsys, tmp_path):
     (tmp_path / "file").write_text("mine")
     assert "is a file" in refuse(capsys, *command, "--out", str(tmp_path / "file"))
     assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_a_plan_of_training_does_nothing(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    small = ["--set", "env.is_blind=true", "--set", "env.camera.height=16", "--set", "env.camera.width=16"]
+    assert (
+        cli.run(["train-agent", "--out", "x", "--preset", "debug", "--system", "dreamerv2", "--plan", *small])
+        == 0
+    )
+    assert "steps   30 of the environment" in capsys.readouterr().out
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_plan_says_what_it_will_take_and_does_nothing(capsys, tmp_path, monkeypatch):

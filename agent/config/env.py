@@ -71,7 +71,7 @@ class EnvConfig:
     """Another environment, named as ``gymnasium.make`` names it (``module:Name`` imports the module first).
     Of the fields below it reads ``kwargs``, ``pixels`` and the camera's size alone. None: PointGoal
     navigation."""
-    kwargs: dict[str, Any] = field(default_factory=dict)
+    kwargs: dict[str, Any] = field(default_factory=dict, hash=False)
     """What ``gymnasium.make`` is given beside ``id``."""
     pixels: bool = False
     """Frames of ``id`` are what it renders; they take the place of an observation that is one vector."""

@@ -67,10 +67,11 @@ def test_a_longer_run_goes_on_from_a_shorter_one(whole_run, tiny_config, make_ro
     assert losses(tmp_path / "short") == losses(whole_run)
 
 
-def test_an_interrupt_saves_first(whole_run, tiny_config, make_room, tmp_path):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_saves_first(number, whole_run, tiny_config, make_room, tmp_path):
     def interrupt(done, total):
         if done == 33:
-            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), number)
 
     out = tmp_path / "interrupted"
     with pytest.raises(KeyboardInterrupt):

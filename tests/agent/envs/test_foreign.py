@@ -204,3 +204,8 @@ def test_systems_that_need_depth_or_labels_refuse_an_env_without():
     check_gives(env, "dreamerv2", labels=False, depth=False)
     with_depth = make_env(config_of("Tests/Lift-v0", kwargs={"with_depth": True}))
     check_gives(with_depth, "langwm", labels=False, depth=True)
+
+
+def test_configs_of_environments_can_be_keys():
+    one, other = (config_of("Tests/Lift-v0", kwargs={"size": size}) for size in (8, 9))
+    assert len({one: 1, other: 2, config_of("Tests/Lift-v0", kwargs={"size": 8}): 3}) == 2

@@ -1,0 +1,54 @@
+import gymnasium
+import numpy as np
+import pytest
+
+import benchmarks.known_tasks  # noqa: F401  (registers the tasks)
+from agent.config import EnvConfig
+from agent.envs.make import make_env
+from agent.rollout import run_episode
+from langwm_data.config import CameraConfig
+
+CAMERA = CameraConfig(height=32, width=32)
+
+
+def to_goal(obs, state):
+    return np.clip(obs["task"] / 0.2, -1, 1).astype(np.float32), state
+
+
+def test_who_drives_to_the_goal_reaches_it_and_earns_the_way_and_one():
+    env = make_env(EnvConfig(id="KnownTasks/Reach-v0", camera=CAMERA))
+    outcome = run_episode(env, to_goal, seed=3)
+    assert outcome.success
+    assert outcome.is_terminated
+    env.reset(seed=3)
+    way = float(np.linalg.norm(env.unwrapped._goal - env.unwrapped._place))
+    assert way + 1 - 0.2 <= outcome.total_reward <= way + 1
+    still = run_episode(env, lambda obs, state: (np.zeros(2, np.float32), state), seed=3)
+    assert (still.success, still.is_terminated, still.num_steps, still.total_reward) == (
+        False,
+        False,
+        30,
+        0.0,
+    )
+
+
+def test_the_frame_shows_where_goal_and_point_are():
+    env = make_env(EnvConfig(id="KnownTasks/Reach-v0", kwargs={"tells": False}, camera=CAMERA))
+    obs, _ = env.reset(seed=3)
+    assert obs["task"].shape == (1,)
+    for channel, point in ((0, env.unwrapped._goal), (2, env.unwrapped._place)):
+        rows, columns = np.nonzero(obs["rgb"][..., channel])
+        seen = np.array([columns.mean() + 0.5, rows.mean() + 0.5]) / 16 - 1
+        np.testing.assert_allclose(seen * (1, -1), point, atol=0.1)
+
+
+def test_rewards_of_the_pendulum_are_a_tenth():
+    def play(env):
+        env.reset(seed=0)
+        return [env.step(np.array([x], np.float32))[1] for x in (0.5, -1.0, 0.2)]
+
+    ours = play(make_env(EnvConfig(id="KnownTasks/Pendulum-v0", camera=CAMERA)))
+    theirs = play(
+        gymnasium.wrappers.RescaleAction(gymnasium.make("Pendulum-v1"), np.float32(-1), np.float32(1))
+    )
+    assert ours == pytest.approx([0.1 * r for r in theirs])
