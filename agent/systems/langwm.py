@@ -17,7 +17,7 @@ from agent.systems.features import TokenCache
 from agent.systems.finetune import Finetuner
 from agent.systems.key_encoder import KeyEncoder, second_view
 from agent.systems.learner import DreamerLearner
-from agent.systems.pretrained import load_mae
+from agent.systems.pretrained import check_camera, load_mae
 from agent.systems.system import Learner, Model, Spaces, System
 from langwm_data.config_io import ConfigError
 from langwm_data.seeding import make_rng
@@ -144,6 +144,8 @@ def create(config: AgentConfig, spaces: Spaces) -> Dreamer:
             f"env.camera is {spaces.height} x {spaces.width} pixels but the MAE reads"
             f" {wanted.height} x {wanted.width}; make them equal"
         )
+    if config.env.id is None:
+        check_camera(mae, config.env.camera)
     mae = mae.to(config.device)
     cache = TokenCache(mae, config.token_cache_mib) if config.features == "frozen" else None
     with torch.random.fork_rng([]):

@@ -1,13 +1,19 @@
 """Whether a pretrained autoencoder learned what a system says it did."""
 
 import logging
+import math
 from pathlib import Path
 
 from agent.config import FinetuneConfig
+from langwm_data.config import CameraConfig
 from langwm_data.config_io import CONFIG_FILE, ConfigError, load_config_file
+from langwm_data.sim.camera import Camera
 from pretrain.config import ObjectMaskConfig, PretrainConfig
 from pretrain.mae import LanguageGroundedMAE
 from pretrain.model_file import MODEL_FOLDER
+
+TOLERANCE_PX = 0.5
+"""Focal lengths this close are the same camera's."""
 
 log = logging.getLogger(__name__)
 
@@ -41,6 +47,22 @@ def load_mae(name: str, system: str, wanted: FinetuneConfig) -> LanguageGrounded
             " give another --mae, or another --system"
         )
     return mae
+
+
+def check_camera(mae: LanguageGroundedMAE, camera: CameraConfig) -> None:
+    """Refuse to show an autoencoder frames of another camera than it learned through.
+
+    Raises:
+        ConfigError: If the focal lengths differ by more than half a pixel: sizes and depths would not fit.
+    """
+    focal_px = Camera.on_robot(camera, (0.0, 0.0), 0.0).focal_px
+    if mae.intrinsics is None or abs(focal_px - mae.intrinsics[0][0]) <= TOLERANCE_PX:
+        return
+    learned = math.degrees(2 * math.atan(camera.height / 2 / mae.intrinsics[0][0]))
+    raise ConfigError(
+        f"env.camera.vertical_fov_deg is {camera.vertical_fov_deg:g} but the MAE learned through a camera of"
+        f" {learned:.1f}; make them equal"
+    )
 
 
 def _differences(field: str, found: object, wanted: object) -> list[str]:

@@ -1,4 +1,6 @@
 import dataclasses
+import math
+from pathlib import Path
 
 import pytest
 import torch
@@ -37,3 +39,15 @@ def test_frames_are_encoded_a_few_at_a_time(tiny_config, spaces, monkeypatch):
 def test_only_finetuning_needs_labels(tiny_config, frozen_config):
     assert langwm.SYSTEM.needs_labels(tiny_config)
     assert not langwm.SYSTEM.needs_labels(frozen_config)
+
+
+def test_frames_of_another_camera_than_the_mae_learned_through_are_refused(frozen_config, spaces, tiny_mae):
+    focal_px = 8 / math.tan(math.radians(frozen_config.env.camera.vertical_fov_deg / 2))
+    for scale in (1.0, 2.0):
+        f = scale * focal_px
+        tiny_mae.intrinsics = ((f, 0.0, 8.0), (0.0, f, 8.0), (0.0, 0.0, 1.0))
+        tiny_mae.save_pretrained(Path(frozen_config.mae) / "model")
+        if scale == 1.0:
+            langwm.create(frozen_config, spaces)
+    with pytest.raises(ConfigError, match=r"vertical_fov_deg is \d+ but the MAE learned through a camera of"):
+        langwm.create(frozen_config, spaces)
