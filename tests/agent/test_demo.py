@@ -46,7 +46,7 @@ def test_report_stands_alone_and_shows_the_numbers_on_disk(demo):
     assert f"<td>{error:.3f}</td>" in page
     summary = json.loads((out / "agent/eval/summary.json").read_text())
     systems = {score["system"] for score in summary["scores"]}
-    assert systems == {"langwm", "random", "straight-ahead", "turn-to-goal"}
+    assert systems == {"langwm", "oracle", "random", "straight-ahead", "turn-to-goal"}
     assert all(page.count(f"<td>{system}</td>") == 2 for system in systems)
 
 

@@ -7,6 +7,7 @@ import torch
 from full_disk import largest_file
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from langwm_data.shards.writer import sha256_of
 from pretrain.checkpoint import latest_checkpoint, load_checkpoint, save_checkpoint
 from pretrain.metrics import MetricsLogger, read_metrics
 
@@ -87,6 +88,7 @@ def test_other_schema_version_is_refused(tmp_path):
     folder = save_checkpoint(tmp_path, 1, state(1))
     for other in ({"schema_version": 9, "step": 1, "state": {}}, [1]):
         torch.save(other, folder / "state.pt")
+        (folder / "done").write_text(sha256_of(folder / "state.pt"))
         with pytest.raises(ValueError, match=r"has schema version (9|None); this program reads 1"):
             load_checkpoint(folder)
 
