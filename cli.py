@@ -401,10 +401,14 @@ def main() -> None:
     sys.exit(run(sys.argv[1:]))
 
 
+_INTERRUPTED = 130
+"""Exit code of what SIGINT ended."""
+
+
 def run(arguments: list[str]) -> int:
     """Run one command line; the exit code."""
     try:
-        return int(app(args=arguments, prog_name="langwm", standalone_mode=False) or 0)
+        code = int(app(args=arguments, prog_name="langwm", standalone_mode=False) or 0)
     except _UsageError as error:
         return _fail(error.format_message(), 2)  # pyright: ignore[reportAttributeAccessIssue]
     except ValueError as error:
@@ -416,7 +420,9 @@ def run(arguments: list[str]) -> int:
     except FloatingPointError as error:
         return _fail(f"training diverged: {error}", 1)
     except (KeyboardInterrupt, typer.Abort):
-        return _fail("interrupted; the same command goes on from here", 130)
+        code = _INTERRUPTED
+    # Some versions of Typer raise on an interrupt, others return this code.
+    return _fail("interrupted; the same command goes on from here", code) if code == _INTERRUPTED else code
 
 
 def _inspect_dataset(data: Path, gallery: Path | None, plots: Path | None, count: int) -> None:

@@ -222,3 +222,12 @@ def test_a_probe_takes_several_datasets_the_first_of_which_has_both_splits(monke
     assert cli.run(["probe-mae", "RUN", "--data", "A", "--out", str(tmp_path)]) == 0
     assert (asked[1].data, asked[1].others) == ("A", ())
     assert cli.run(["probe-mae", "RUN", "--out", str(tmp_path)]) == 2
+
+
+def test_an_interrupt_is_said_in_a_sentence(monkeypatch, capsys):
+    def interrupted(*args, **kwargs):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("agent.doctor.diagnose", interrupted)
+    assert cli.run(["doctor"]) == 130
+    assert capsys.readouterr().err.strip() == "langwm: interrupted; the same command goes on from here"
