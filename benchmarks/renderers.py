@@ -27,7 +27,8 @@ from langwm_data.scenes.spec import (
 )
 from langwm_data.scenes.splits import sample_palette
 from langwm_data.sim.camera import Camera
-from langwm_data.sim.render import Renderer, describe_renderer, make_renderer
+from langwm_data.sim.frame import Renderer
+from langwm_data.sim.render import describe_renderer, make_renderer
 from langwm_data.sim.scene_mesh import scene_mesh
 
 NUM_VIEWS = 32

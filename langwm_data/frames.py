@@ -29,8 +29,9 @@ from langwm_data.shards.sample import Sample, to_metres, to_millimetres
 from langwm_data.shards.scenes import read_scene, write_scene
 from langwm_data.shards.writer import write_shard
 from langwm_data.sim.camera import Camera
+from langwm_data.sim.frame import Frame
 from langwm_data.sim.lights import Lights
-from langwm_data.sim.render import Frame, make_renderer
+from langwm_data.sim.render import make_renderer
 from langwm_data.trajectories import Pose, simulate_trajectory
 from langwm_data.views import Sights, View, camera_space, draw_views
 from langwm_data.workers import Report

@@ -20,8 +20,9 @@ from langwm_data.shards.findings import Finding
 from langwm_data.shards.manifest import GENERATOR, Manifest
 from langwm_data.shards.sample import DatasetError, Sample, to_millimetres
 from langwm_data.sim.camera import Camera
+from langwm_data.sim.frame import Renderer
 from langwm_data.sim.lights import Lights
-from langwm_data.sim.render import Renderer, make_renderer
+from langwm_data.sim.render import make_renderer
 
 _SHARE_TOLERANCE = 1e-6
 

@@ -26,8 +26,9 @@ from langwm_data.scenes.spec import MaterialRef, SceneSpec, Split
 from langwm_data.scenes.splits import sample_palette
 from langwm_data.seeding import make_rng
 from langwm_data.sim.camera import Camera
+from langwm_data.sim.frame import Frame, Renderer
 from langwm_data.sim.lights import Lights, sample_lights
-from langwm_data.sim.render import BlindRenderer, Frame, Renderer, make_renderer
+from langwm_data.sim.render import BlindRenderer, make_renderer
 from langwm_data.sim.world import RobotState
 from pretrain.batch import FrameObject
 

@@ -18,8 +18,8 @@ from langwm_data.scenes.spec import MaterialRef, SceneSpec
 from langwm_data.sim.antialias import QUARTERS, find_open_quarters, smooth_edges
 from langwm_data.sim.atlas import Atlas, Blocks, look_up, texel_density
 from langwm_data.sim.camera import Camera
+from langwm_data.sim.frame import Frame
 from langwm_data.sim.lights import Lights
-from langwm_data.sim.render import Frame
 from langwm_data.sim.scene_mesh import SCENES_KEPT, SceneMesh, scene_mesh
 from langwm_data.sim.shading import level_of_detail, light, pixel_to_ray
 

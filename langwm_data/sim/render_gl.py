@@ -15,9 +15,9 @@ from langwm_data.scenes.spec import MaterialRef, SceneSpec
 from langwm_data.sim.antialias import QUARTERS, OpenQuarters, find_open_quarters, smooth_edges
 from langwm_data.sim.atlas import Blocks, texel_density
 from langwm_data.sim.camera import Camera
+from langwm_data.sim.frame import Frame
 from langwm_data.sim.gl_device import FACE_COLUMNS, Targets, gl_device
 from langwm_data.sim.lights import Lights
-from langwm_data.sim.render import Frame
 from langwm_data.sim.scene_mesh import SceneMesh, scene_mesh
 from langwm_data.sim.shading import pixel_to_ray
 

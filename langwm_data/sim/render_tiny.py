@@ -20,8 +20,8 @@ from langwm_data.scenes.assets import NO_ASSETS, Assets
 from langwm_data.scenes.spec import MaterialRef, SceneSpec
 from langwm_data.sim.bullet import import_pybullet, quiet
 from langwm_data.sim.camera import Camera
+from langwm_data.sim.frame import Frame
 from langwm_data.sim.lights import Lights
-from langwm_data.sim.render import Frame
 from langwm_data.sim.scene_mesh import SceneMesh, scene_mesh
 from langwm_data.sim.texture import Texture, texture_picture, texture_tile_m
 
