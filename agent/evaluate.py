@@ -24,7 +24,7 @@ from agent.scoring.players import Player, control_player, trained_player, world_
 from agent.scoring.playing import SUMMARY_FILE, Progress, keep_rows, play, play_all, write_rows
 from agent.scoring.rows import EPISODES_FILE, Row, claimed, read_rows
 from agent.scoring.summary import MEANS, Score, Summary, compare, pool_runs, summarise
-from agent.systems.agent import Agent
+from agent.systems.agent import Agent, find_agent, read_config
 from agent.systems.controls import CONTROL_NAMES
 from langwm_data.config_io import CONFIG_FILE, ConfigError, load_config_file
 from langwm_data.scenes.spec import Split
@@ -247,7 +247,7 @@ def _episodes(env: EnvConfig, plan: Plan) -> EpisodeSet:
 def _config_of(run: Path) -> AgentConfig:
     """What a run was trained with, and where its baked scenes lie if it still has its own config file."""
     path = run / CONFIG_FILE
-    return load_config_file(AgentConfig, path) if path.is_file() else Agent.from_pretrained(run).config
+    return load_config_file(AgentConfig, path) if path.is_file() else read_config(find_agent(run))[0]
 
 
 def _labels(systems: Sequence[str], runs: Sequence[Path]) -> list[str]:

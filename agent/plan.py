@@ -101,7 +101,7 @@ def plan_training(
         env.close()
     return TrainingEstimate(
         steps=config.steps,
-        updates=max(0, config.steps - config.prefill_steps) // config.update_every,
+        updates=config.num_updates,
         pretrain_updates=config.finetune.pretrain_updates if pretrain_s else 0,
         held_steps=min(config.steps, config.replay.capacity_steps + config.checkpoint_every),
         bytes_per_step=bytes_a_step(config, system, spaces),

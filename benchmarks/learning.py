@@ -157,7 +157,7 @@ def learn(asked: argparse.Namespace, system: str) -> dict[str, Any]:
     return {
         **play(config, Agent.from_pretrained(out).act, system),
         "cpu_s": spent,
-        "updates": (config.steps - config.prefill_steps) // config.update_every,
+        "updates": config.num_updates,
         "curve": [[row["step"], row["env/return"]] for row in played],
     }
 

@@ -5,10 +5,12 @@ Safetensors and JSON only: reading a model never runs code from it.
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save
@@ -27,6 +29,17 @@ _WEIGHTS = "model.safetensors"
 
 Intrinsics = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
 """Of a pinhole camera, pixels: depth that was learned through one is wrong through another."""
+
+
+_TOLERANCE_PX = 0.5
+
+
+Matrix = Sequence[Sequence[float]] | NDArray[np.floating]
+
+
+def is_same_camera(first: Matrix, second: Matrix) -> bool:
+    """Whether focal lengths and middle of two intrinsics (3, 3) agree within half a pixel."""
+    return np.allclose(first, second, rtol=0, atol=_TOLERANCE_PX)
 
 
 class ModelFile(NamedTuple):

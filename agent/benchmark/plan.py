@@ -33,17 +33,13 @@ def plan_benchmark(grid: GridConfig, out: Path, *, workers: int = 1) -> str:
     lines = [
         f"cells   {len(cells)}: {len(cells) - len(todo)} are done, {len(learners)} are to be trained",
         f"steps   {sum(cell_config(grid, c).steps for c in learners):,} of environments,"
-        f" {sum(_updates(cell_config(grid, c)) for c in learners):,} updates",
+        f" {sum(cell_config(grid, c).num_updates for c in learners):,} updates",
         f"scoring {_episodes(base):,} episodes a cell:"
         f" {' and '.join(f'{episodes_on(base, split)} on each {split} floor' for split in SPLITS)}",
         f"disk    {format_size(sum(_replay_bytes(cell_config(grid, c)) for c in learners))} of replay",
         f"time    {_time(grid, todo, records, workers)}",
     ]
     return "\n".join(lines)
-
-
-def _updates(config: AgentConfig) -> int:
-    return max(0, config.steps - config.prefill_steps) // config.update_every
 
 
 def _episodes(config: AgentConfig) -> int:

@@ -108,3 +108,8 @@ class AgentConfig:
     """Environment steps."""
     eval_episodes: PositiveInt = 500
     """On each floor. Source: method notes, section 6."""
+
+    @property
+    def num_updates(self) -> int:
+        """Ordinary updates that the run will take."""
+        return max(0, self.steps - self.prefill_steps) // self.update_every

@@ -3,7 +3,7 @@
 Owns the files of past episodes and how steps are drawn. Knows no environment and no model.
 
 Memory holds an index and the columns of a few numbers; everything else stays in one file for each episode
-(``replay_files``). At 128x160 a step takes 61,468 bytes of RGB and numbers, or 103,108 with depth and a
+(``files``). At 128x160 a step takes 61,468 bytes of RGB and numbers, or 103,108 with depth and a
 dozen objects: the paper's 3e5 steps are 18.4 GB or 30.9 GB. Episodes that were evicted since the last
 checkpoint come on top.
 """
@@ -19,11 +19,9 @@ from jaxtyping import Int64
 
 from agent.config import ReplayConfig
 from agent.replay.episodes import ReplayBatch, ReplayEpisode, TransitionBatch
-from agent.replay.files import FEATURE, read_entry, step_bytes, write_episode
+from agent.replay.files import FEATURE, read_entry, write_episode
 from langwm_data.config_io import ConfigError
 from langwm_data.shards.sample import to_metres
-
-__all__ = ["Replay", "ReplayBatch", "ReplayEpisode", "TransitionBatch", "check_disk", "step_bytes"]
 
 
 def check_disk(folder: Path, *, steps: int, bytes_a_step: int) -> None:

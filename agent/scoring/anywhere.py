@@ -20,7 +20,7 @@ from agent.rollout import Policy, run_episode
 from agent.scoring.playing import SUMMARY_FILE
 from agent.scoring.rows import EPISODES_FILE, Row
 from agent.scoring.statistics import wilson_interval
-from agent.systems.agent import Agent
+from agent.systems.agent import Agent, find_agent, read_config
 from agent.systems.controls import make_random_policy
 from langwm_data import atomic
 from langwm_data.config_io import ConfigError
@@ -70,7 +70,7 @@ def is_elsewhere(run: Path) -> bool:
     Raises:
         ValueError: If it holds no trained agent.
     """
-    return Agent.from_pretrained(run).env.id is not None
+    return read_config(find_agent(run))[0].env.id is not None
 
 
 def evaluate_anywhere(

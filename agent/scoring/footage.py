@@ -38,12 +38,12 @@ def film(player: Player, episodes: EpisodeSet, count: int) -> list[Path]:
     The episodes are spread over floors and distances; playing them again gives what was scored.
     """
     chosen = [episodes.episodes[i] for i in _spread(len(episodes.episodes), count)]
-    written = []
+    written, agent = [], player.load()
     for episode in chosen:
         path = player.out / VIDEO_FOLDER / f"{episodes.split}-{episode.scene}-{episode.palette_seed}.mp4"
         scene = load_scene(episode.scene, player.env)
         with contextlib.closing(PointNavEnv(player.env, episodes.split, scenes=[scene])) as env:
-            frames = list(_frames(*player.enter(env), episode))
+            frames = list(_frames(*player.enter(env, agent), episode))
         write_video(path, frames, float(env.metadata["render_fps"]))
         written.append(path)
     return written

@@ -1,7 +1,6 @@
 """Who plays the fixed episodes, and the worker that does so, an episode a task."""
 
 import contextlib
-import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,13 +15,13 @@ from agent.envs.pointnav import PointNavEnv
 from agent.envs.sites import load_scene
 from agent.rollout import Policy, run_episode
 from agent.scoring.rows import Journal, checksum, make_row, task_of
-from agent.systems.agent import CONFIG_FILE, WEIGHTS_FILE, Agent
+from agent.systems.agent import CONFIG_FILE, WEIGHTS_FILE, Agent, find_agent
 from agent.systems.controls import make_control
 from langwm_data.config import CameraConfig, LabelsConfig, RenderConfig, ScenesConfig
 from langwm_data.config_io import config_to_yaml
 from langwm_data.scenes.spec import Split
+from langwm_data.shards.writer import sha256_of
 from langwm_data.workers import Report, Worker
-from pretrain.model_file import MODEL_FOLDER
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,14 +41,15 @@ class Player:
     identity: str
     """Checksum of all that its rows depend on beside the episode."""
 
-    def enter(self, env: gymnasium.Env) -> tuple[gymnasium.Env, Policy]:
-        """``env`` as it sees it, and its policy there."""
-        if self.policy is not None:
-            return env, self.policy
-        if self.run is None:
-            return env, make_control(self.system, env)
-        agent = Agent.from_pretrained(self.run, self.device)
-        return agent.wrap_env(env), agent.act
+    def load(self) -> Agent | None:
+        """The trained agent, for ``enter`` on any number of floors; None where it is no such player."""
+        return None if self.run is None else Agent.from_pretrained(self.run, self.device)
+
+    def enter(self, env: gymnasium.Env, agent: Agent | None) -> tuple[gymnasium.Env, Policy]:
+        """``env`` as it sees it, and its policy there; ``agent`` is what ``load`` gave."""
+        if agent is not None:
+            return agent.wrap_env(env), agent.act
+        return env, self.policy or make_control(self.system, env)
 
 
 @dataclass(frozen=True)
@@ -97,6 +97,8 @@ class _Stage:
         self._split: Split = split
         self._journals = {player.out: Journal(player.out) for player in players}
         self._loaded: tuple[int, str] | None = None
+        self._agent: tuple[int, Agent | None] | None = None
+        """Whose it is, and the agent of the player that was loaded last."""
         self._env: gymnasium.Env | None = None
         self._policy: Policy
 
@@ -121,7 +123,9 @@ class _Stage:
         if self._loaded != (number, scene) or self._env is None:
             self.close()
             world = PointNavEnv(player.env, self._split, scenes=[load_scene(scene, player.env)])
-            self._env, self._policy = player.enter(world)
+            if self._agent is None or self._agent[0] != number:
+                self._agent = number, player.load()
+            self._env, self._policy = player.enter(world, self._agent[1])
             self._loaded = number, scene
         return self._env, self._policy
 
@@ -139,12 +143,8 @@ def trained_player(run: Path, env: EnvConfig, out: Path, device: str) -> Player:
         ValueError: If there is none.
     """
     agent = Agent.from_pretrained(run)
-    folder = run / MODEL_FOLDER if (run / MODEL_FOLDER / CONFIG_FILE).is_file() else run
-    digest = hashlib.sha256((folder / CONFIG_FILE).read_bytes())
-    with (folder / WEIGHTS_FILE).open("rb") as file:
-        while block := file.read(2**20):
-            digest.update(block)
-    identity = checksum(digest.hexdigest(), device, world_of(env), config_to_yaml(_looks(env)))
+    files = [sha256_of(find_agent(run) / name) for name in (CONFIG_FILE, WEIGHTS_FILE)]
+    identity = checksum(*files, device, world_of(env), config_to_yaml(_looks(env)))
     return Player(system=agent.system, env=env, out=out, run=run, device=device, identity=identity)
 
 

@@ -124,10 +124,8 @@ class Agent:
         Raises:
             ValueError: If there is no agent, it is damaged or of another version, or its encoder is missing.
         """
-        folder = Path(folder)
-        if (folder / MODEL_FOLDER / CONFIG_FILE).is_file():
-            folder = folder / MODEL_FOLDER
-        config, spaces = _read_config(folder)
+        folder = find_agent(folder)
+        config, spaces = read_config(folder)
         system = find_system(config.system, encoder)
         try:
             tensors = load_file(folder / WEIGHTS_FILE)
@@ -142,7 +140,18 @@ class Agent:
         return cls(model.to(device).eval(), config, spaces)
 
 
-def _read_config(folder: Path) -> tuple[AgentConfig, Spaces]:
+def find_agent(folder: Path | str) -> Path:
+    """The folder of an agent's two files: that folder itself, or the one in a run."""
+    inner = Path(folder) / MODEL_FOLDER
+    return inner if (inner / CONFIG_FILE).is_file() else Path(folder)
+
+
+def read_config(folder: Path) -> tuple[AgentConfig, Spaces]:
+    """What an agent was trained with, without its weights; ``folder`` as ``find_agent`` gives it.
+
+    Raises:
+        ValueError: If there is no agent, or it is of another version.
+    """
     path = folder / CONFIG_FILE
     if not path.is_file():
         raise ValueError(f"{str(folder)!r} holds no trained agent ({CONFIG_FILE} and {WEIGHTS_FILE})")

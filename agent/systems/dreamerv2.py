@@ -4,7 +4,7 @@ Owns what the four systems of this name share and the two that learn from pixels
 by otherwise stands in ``grounding_dino`` and ``oracle_boxes``.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import cast
 
 import numpy as np
@@ -17,33 +17,15 @@ from agent.models.pixels import STRIDE, PixelModel, as_pixels, as_rgb
 from agent.models.vector import VectorModel
 from agent.systems.dreamer import Dreamer, Perception, make_dreamer
 from agent.systems.learner import DreamerLearner
-from agent.systems.system import Model, Spaces, System, WrapEnv, keep_env
+from agent.systems.system import Model, Spaces, make_system
 from langwm_data.config_io import ConfigError
 from pretrain.augment import augment_frame
 from pretrain.config import AugmentConfig
-from pretrain.update import torch_seed
-
-Assemble = Callable[[AgentConfig, Spaces], Dreamer]
 
 
-def make_system(assemble: Assemble, *, wrap_env: WrapEnv = keep_env, note: str) -> System:
-    """A system whose model is made by ``assemble`` and learns as a dreamer."""
-
-    def create(config: AgentConfig, spaces: Spaces) -> Dreamer:
-        with torch.random.fork_rng([]):
-            torch.manual_seed(torch_seed(config.seed, "agent weights"))
-            return assemble(config, spaces).to(config.device)
-
-    def restore(config: AgentConfig, spaces: Spaces, tensors: Mapping[str, Tensor]) -> Dreamer:
-        with torch.random.fork_rng([]):
-            model = assemble(config, spaces)
-        model.load_state_dict(tensors)
-        return model
-
-    def make_learner(model: Model, config: AgentConfig) -> DreamerLearner:
-        return DreamerLearner(cast("Dreamer", model), config)
-
-    return System(create=create, restore=restore, make_learner=make_learner, wrap_env=wrap_env, note=note)
+def make_learner(model: Model, config: AgentConfig) -> DreamerLearner:
+    """What all four learn by."""
+    return DreamerLearner(cast("Dreamer", model), config)
 
 
 class PixelPerception(Perception):
@@ -112,10 +94,13 @@ def assemble_vector(config: AgentConfig, spaces: Spaces) -> Dreamer:
 
 
 DREAMERV2 = make_system(
-    _assemble_pixels, note="tells RGB again; heads, memory and behaviour as in langwm; no pretraining"
+    _assemble_pixels,
+    make_learner,
+    note="tells RGB again; heads, memory and behaviour as in langwm; no pretraining",
 )
 DREAMERV2_DA = make_system(
     _assemble_pixels,
+    make_learner,
     note="as dreamerv2; the encoder sees langwm's augmentations, the same for all frames of a sequence,"
     " and tells the unchanged frames again",
 )

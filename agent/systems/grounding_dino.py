@@ -6,6 +6,7 @@ collecting; the replay keeps the vector.
 
 import math
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any
 
 import gymnasium
@@ -18,17 +19,17 @@ from torch.nn import functional as F
 
 from agent.config import AgentConfig, GroundingDinoConfig
 from agent.envs.features import FeatureEnv
-from agent.systems.dreamerv2 import assemble_vector, make_system
+from agent.systems.dreamerv2 import assemble_vector, make_learner
+from agent.systems.system import make_system
 from langwm_data.config import ScenesConfig
 from langwm_data.config_io import ConfigError
 from langwm_data.scenes.taxonomy import CATEGORIES, FOREIGN_CATEGORIES, UNKNOWN, is_nameable
+from pretrain.mae import IMAGENET_MEAN, IMAGENET_STD
 
 LONGEST_SHARE = 1333 / 800
 """The longer side is at most so many times ``short_side_px``. Source: Grounding DINO."""
 FIRST_STRIDE = 8
 """Pixels between the places of the finest level; each further level has half as many places a side."""
-IMAGENET_MEAN = (0.485, 0.456, 0.406)
-IMAGENET_STD = (0.229, 0.224, 0.225)
 
 
 def make_prompt(scenes: ScenesConfig) -> str:
@@ -145,13 +146,19 @@ def load_grounding_dino(name: str) -> tuple[Any, Any]:
     return tokenizer, model
 
 
+@lru_cache(maxsize=1)
+def _detector(config: GroundingDinoConfig, prompt: str, device: str) -> GroundingDino:
+    """It never changes, so one serves every environment of a process."""
+    return GroundingDino(config, prompt, device)
+
+
 def wrap_env(config: AgentConfig, env: gymnasium.Env) -> FeatureEnv:
     """Add the vector to what ``env`` observes.
 
     Raises:
         ConfigError: If the detector is out of reach.
     """
-    dino = GroundingDino(config.grounding_dino, make_prompt(config.env.scenes), config.device)
+    dino = _detector(config.grounding_dino, make_prompt(config.env.scenes), config.device)
 
     def describe(obs: Mapping[str, np.ndarray], info: Mapping[str, Any]) -> Float32[np.ndarray, " V"]:
         return dino.describe(obs["rgb"])
@@ -161,6 +168,7 @@ def wrap_env(config: AgentConfig, env: gymnasium.Env) -> FeatureEnv:
 
 SYSTEM = make_system(
     assemble_vector,
+    make_learner,
     wrap_env=wrap_env,
     note="our reading: a frozen Grounding DINO pooled to one vector a step, which is told again; no pixels",
 )

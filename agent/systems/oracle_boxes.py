@@ -12,7 +12,8 @@ from jaxtyping import Float32
 
 from agent.config import AgentConfig
 from agent.envs.features import FeatureEnv
-from agent.systems.dreamerv2 import assemble_vector, make_system
+from agent.systems.dreamerv2 import assemble_vector, make_learner
+from agent.systems.system import make_system
 from langwm_data.config_io import ConfigError
 from langwm_data.scenes.taxonomy import CATEGORIES, FOREIGN_CATEGORIES
 from pretrain.batch import FrameObject
@@ -67,6 +68,7 @@ def wrap_env(config: AgentConfig, env: gymnasium.Env) -> FeatureEnv:
 
 SYSTEM = make_system(
     assemble_vector,
+    make_learner,
     wrap_env=wrap_env,
     note="sees boxes, distances and categories from the simulator, no pixels: an upper bound of a detector"
     " and no fair row; not in the paper",

@@ -10,10 +10,7 @@ from langwm_data.config_io import CONFIG_FILE, ConfigError, load_config_file
 from langwm_data.sim.camera import Camera
 from pretrain.config import ObjectMaskConfig, PretrainConfig
 from pretrain.mae import LanguageGroundedMAE
-from pretrain.model_file import MODEL_FOLDER
-
-TOLERANCE_PX = 0.5
-"""Focal lengths this close are the same camera's."""
+from pretrain.model_file import MODEL_FOLDER, is_same_camera
 
 log = logging.getLogger(__name__)
 
@@ -55,8 +52,8 @@ def check_camera(mae: LanguageGroundedMAE, camera: CameraConfig) -> None:
     Raises:
         ConfigError: If the focal lengths differ by more than half a pixel: sizes and depths would not fit.
     """
-    focal_px = Camera.on_robot(camera, (0.0, 0.0), 0.0).focal_px
-    if mae.intrinsics is None or abs(focal_px - mae.intrinsics[0][0]) <= TOLERANCE_PX:
+    seen = Camera.on_robot(camera, (0.0, 0.0), 0.0).intrinsics
+    if mae.intrinsics is None or is_same_camera(seen, mae.intrinsics):
         return
     learned = math.degrees(2 * math.atan(camera.height / 2 / mae.intrinsics[0][0]))
     raise ConfigError(

@@ -29,7 +29,7 @@ from agent.models.sac import (
 )
 from agent.models.world_model import Metrics
 from agent.replay import Replay, TransitionBatch
-from agent.systems.system import Learner, Model, Spaces, State, System, task_scale
+from agent.systems.system import Learner, Model, Spaces, State, make_system, task_scale
 from langwm_data.config_io import ConfigError
 from langwm_data.seeding import make_rng
 from pretrain.update import torch_seed
@@ -228,33 +228,13 @@ class SACLearner(Learner):
         return torch.autocast(self._model.device.type, torch.bfloat16, enabled=is_bf16)
 
 
-def create(config: AgentConfig, spaces: Spaces) -> SAC:
-    """A new agent.
-
-    Raises:
-        ConfigError: If the frames are too small or the task observation has another size than configured.
-    """
-    with torch.random.fork_rng([]):
-        torch.manual_seed(torch_seed(config.seed, "agent weights"))
-        return SAC(config, spaces).to(config.device)
-
-
-def restore(config: AgentConfig, spaces: Spaces, tensors: Mapping[str, Tensor]) -> SAC:
-    """The agent with these weights."""
-    with torch.random.fork_rng([]):
-        model = SAC(config, spaces)
-    model.load_state_dict(tensors)
-    return model
-
-
 def _make_learner(model: Model, config: AgentConfig) -> SACLearner:
     return SACLearner(cast("SAC", model), config)
 
 
-SYSTEM = System(
-    create=create,
-    restore=restore,
-    make_learner=_make_learner,
+SYSTEM = make_system(
+    SAC,
+    _make_learner,
     note="sees RGB and the task observation; one update per environment step, not one in five",
 )
 """CURL and RAD; their overlays say which."""

@@ -15,6 +15,7 @@ from agent.config import AgentConfig
 from agent.models.world_model import Metrics
 from agent.replay import Replay
 from langwm_data.config_io import ConfigError
+from pretrain.update import torch_seed
 
 State = dict[str, Any]
 """What a model remembers within an episode: tensors, numbers, and dicts of them, as a checkpoint holds."""
@@ -164,3 +165,26 @@ class System:
     """Whether the replay keeps depth."""
     note: str = ""
     """What a table has to say about this row: where it differs from the others in what it gets."""
+
+
+def make_system(
+    assemble: Callable[[AgentConfig, Spaces], Model],
+    make_learner: Callable[[Model, AgentConfig], Learner],
+    *,
+    wrap_env: WrapEnv = keep_env,
+    note: str,
+) -> System:
+    """A system whose model is all its own: ``assemble`` makes it, from random weights of the global seed."""
+
+    def create(config: AgentConfig, spaces: Spaces) -> Model:
+        with torch.random.fork_rng([]):
+            torch.manual_seed(torch_seed(config.seed, "agent weights"))
+            return assemble(config, spaces).to(config.device)
+
+    def restore(config: AgentConfig, spaces: Spaces, tensors: Mapping[str, Tensor]) -> Model:
+        with torch.random.fork_rng([]):
+            model = assemble(config, spaces)
+        model.load_state_dict(tensors)
+        return model
+
+    return System(create=create, restore=restore, make_learner=make_learner, wrap_env=wrap_env, note=note)

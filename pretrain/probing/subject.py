@@ -6,8 +6,6 @@ Owns opening and checking. Nothing is measured here.
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from langwm_data.config_io import CONFIG_FILE, ConfigError, load_config_file
 from langwm_data.scenes.spec import Split
 from langwm_data.scenes.splits import HeldOut, describe_held_out
@@ -15,11 +13,10 @@ from langwm_data.shards.manifest import Manifest
 from pretrain.config import ObjectMaskConfig, PretrainConfig, ProbeConfig
 from pretrain.dataset import FrameDataset, open_split
 from pretrain.mae import LanguageGroundedMAE
-from pretrain.model_file import Intrinsics
+from pretrain.model_file import Intrinsics, is_same_camera
 
 TRAINING = "training frames"
 """Title of the frames of the training split."""
-_TOLERANCE_PX = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,7 +89,7 @@ def check_intrinsics(data: str, found: Intrinsics, expected: Intrinsics | None) 
     Raises:
         ConfigError: If a focal length or the middle differs by more than half a pixel.
     """
-    if expected is not None and not np.allclose(found, expected, rtol=0, atol=_TOLERANCE_PX):
+    if expected is not None and not is_same_camera(found, expected):
         raise ConfigError(
             f"--data {data!r} was seen by a camera of {_camera_text(found)}; the model learned from one of"
             f" {_camera_text(expected)}, so its depths would be wrong there"
@@ -118,7 +115,7 @@ def _check_same_scenes(first: str, expected: Manifest, other: str, found: Manife
             f"--data {other!r} is of other scenes than --data {first!r}: scenes.seed {seeds[1]} and"
             f" {len(found.sources)} sources of others, not {seeds[0]} and the same"
         )
-    if not np.allclose(expected.camera.K, found.camera.K, rtol=0, atol=_TOLERANCE_PX):
+    if not is_same_camera(expected.camera.K, found.camera.K):
         raise ConfigError(f"--data {other!r} was seen by another camera than --data {first!r}")
 
 

@@ -11,7 +11,7 @@ from agent.config import SACConfig
 from agent.replay import TransitionBatch
 from agent.systems.agent import Agent
 from agent.systems.registry import load_agent_config
-from agent.systems.sac import SACLearner, create
+from agent.systems.sac import SYSTEM, SACLearner
 from agent.systems.system import Spaces
 from agent.train import train_agent
 from langwm_data.config_io import ConfigError
@@ -74,12 +74,12 @@ def test_the_defaults_are_those_of_the_public_code():
 
 
 def test_curl_has_a_bilinear_product_and_rad_has_none(make_config, spaces):
-    assert create(make_config("curl"), spaces).bilinear.shape == (8, 8)
-    assert create(make_config("rad"), spaces).bilinear is None
+    assert SYSTEM.create(make_config("curl"), spaces).bilinear.shape == (8, 8)
+    assert SYSTEM.create(make_config("rad"), spaces).bilinear is None
 
 
 def test_convolutions_are_shared_and_saved_once(make_config, spaces):
-    names = create(make_config(), spaces).state_dict().keys()
+    names = SYSTEM.create(make_config(), spaces).state_dict().keys()
     assert sum("convs.0.weight" in name for name in names) == 2  # of the critic and of its slow copy
     assert not any(name.startswith("actor.") and "conv" in name for name in names)
 
@@ -87,7 +87,7 @@ def test_convolutions_are_shared_and_saved_once(make_config, spaces):
 @pytest.mark.parametrize("name", ["curl", "rad"])
 def test_every_loss_trains_what_it_should(name, make_config, spaces):
     config = make_config(name)
-    model = create(config, spaces)
+    model = SYSTEM.create(config, spaces)
     learner, generator = SACLearner(model, config), torch.Generator().manual_seed(0)
     seen = learner._augment(make_batch(), generator)
 
@@ -110,7 +110,7 @@ def test_every_loss_trains_what_it_should(name, make_config, spaces):
 
 def test_updates_of_actor_and_targets_come_every_second_time(make_config, spaces):
     config = make_config("rad")
-    model = create(config, spaces)
+    model = SYSTEM.create(config, spaces)
     learner = SACLearner(model, config)
     before = weights(model)
     learner.update_on(make_batch(), 1)
@@ -130,7 +130,7 @@ def test_updates_of_actor_and_targets_come_every_second_time(make_config, spaces
 
 def test_losses_fall_on_one_batch(make_config, spaces):
     config = make_config("curl", critic_tau=0.0, encoder_tau=0.0, alpha=1e-4, alpha_learning_rate=1e-9)
-    model = create(config, spaces)
+    model = SYSTEM.create(config, spaces)
     learner, batch = SACLearner(model, config), make_batch()
     batch = dataclasses.replace(batch, is_terminal=torch.ones_like(batch.is_terminal))
     rows = [learner.update_on(batch, index) for index in range(150)]
@@ -146,7 +146,7 @@ def test_an_update_repeats_itself(make_config, spaces):
     config = make_config("curl")
     results = []
     for _ in range(2):
-        model = create(config, spaces)
+        model = SYSTEM.create(config, spaces)
         learner = SACLearner(model, config)
         results.append([learner.update_on(make_batch(), i) for i in range(3)])
     assert results[0] == results[1]
@@ -157,14 +157,14 @@ def test_bf16_learns_nearly_the_same(make_config, spaces):
     found = {}
     for precision in ("fp32", "bf16"):
         asked = dataclasses.replace(config, precision=precision)
-        found[precision] = SACLearner(create(asked, spaces), asked).update_on(make_batch(), 0)
+        found[precision] = SACLearner(SYSTEM.create(asked, spaces), asked).update_on(make_batch(), 0)
     for name in ("sac/critic_loss", "sac/contrast_loss", "sac/entropy"):
         assert found["bf16"][name] == pytest.approx(found["fp32"][name], rel=0.1, abs=0.05)
     assert found["bf16"] != found["fp32"]
 
 
 def test_acting_stacks_the_last_frames(make_config, spaces):
-    model = create(make_config(), spaces)
+    model = SYSTEM.create(make_config(), spaces)
     state = model.initial_state(3)
     for step in range(5):
         obs = {"rgb": np.full((16, 16, 3), 10 * step, np.uint8), "task": np.zeros(4, np.float32)}
@@ -176,7 +176,7 @@ def test_acting_stacks_the_last_frames(make_config, spaces):
 
 
 def test_the_first_frame_fills_the_stack(make_config, spaces):
-    model = create(make_config(), spaces)
+    model = SYSTEM.create(make_config(), spaces)
     obs = {"rgb": np.full((16, 16, 3), 7, np.uint8), "task": np.zeros(4, np.float32)}
     _, state = model.act(obs, model.initial_state(0), explore=False)
     assert state["frames"].unique().tolist() == [7]
@@ -184,7 +184,7 @@ def test_the_first_frame_fills_the_stack(make_config, spaces):
 
 def test_acting_sees_what_learning_sees(make_config, spaces):
     """With nothing augmented, the policy of a stored observation is the policy that acted on it."""
-    model = create(make_config("rad", data_augs=()), spaces)
+    model = SYSTEM.create(make_config("rad", data_augs=()), spaces)
     learner, batch = SACLearner(model, make_config("rad", data_augs=())), make_batch(1)
     seen = learner._augment(batch, torch.Generator())
     state = model.initial_state(0) | {"frames": batch.rgb[0, :3].roll(1, 0), "step": 9}
@@ -195,7 +195,7 @@ def test_acting_sees_what_learning_sees(make_config, spaces):
 
 
 def test_the_task_observation_matters_to_actor_and_critic(make_config, spaces):
-    model = create(make_config(), spaces)
+    model = SYSTEM.create(make_config(), spaces)
     convolved = model.critic.encoder.convolve(torch.rand(2, 3, 3, 16, 16))
     tasks = (torch.zeros(2, 4), torch.ones(2, 4))
     assert not torch.equal(*(model.actor(convolved, t).mode for t in tasks))
@@ -204,7 +204,7 @@ def test_the_task_observation_matters_to_actor_and_critic(make_config, spaces):
 
 def test_what_diverges_is_said(make_config, spaces):
     config = make_config("rad")
-    learner = SACLearner(create(config, spaces), config)
+    learner = SACLearner(SYSTEM.create(config, spaces), config)
     batch = dataclasses.replace(make_batch(), reward=torch.full((12,), float("inf")))
     with pytest.raises(
         FloatingPointError, match=r"the critic loss is .* at update 4 .*learning rate below 0.001"
@@ -214,7 +214,7 @@ def test_what_diverges_is_said(make_config, spaces):
 
 def test_frames_too_small_are_refused(make_config):
     with pytest.raises(ConfigError, match=r"env.camera is 12 x 40 pixels, of which 12 x 36 are seen"):
-        create(make_config(), Spaces(12, 40, 4, 2))
+        SYSTEM.create(make_config(), Spaces(12, 40, 4, 2))
 
 
 def test_another_task_observation_is_refused(make_config):
@@ -222,7 +222,7 @@ def test_another_task_observation_is_refused(make_config):
     task = dataclasses.replace(config.world_model.task, scale=(1.0,) * 4)
     config = dataclasses.replace(config, world_model=dataclasses.replace(config.world_model, task=task))
     with pytest.raises(ConfigError, match=r"world_model.task.scale has 4 entries but .* has 3"):
-        create(config, Spaces(16, 16, 3, 2))
+        SYSTEM.create(config, Spaces(16, 16, 3, 2))
 
 
 def test_augmentations_that_exclude_each_other_are_refused():
