@@ -12,7 +12,6 @@ import gymnasium
 from gymnasium.wrappers import TimeLimit
 
 from agent.config import AgentConfig
-from agent.envs.make import check_gives, make_env
 from agent.replay import Replay, step_bytes
 from agent.rollout import Collector
 from agent.systems.agent import Agent
@@ -85,10 +84,8 @@ def plan_training(
     """
     usable_device(config.device)
     system = find_system(config.system, encoder)
-    env = make_env(config.env, env, with_labels=system.needs_labels(config))
+    env = system.make_env(config, env)
     try:
-        check_gives(env, config.system, labels=system.needs_labels(config), depth=system.needs_depth(config))
-        env = system.wrap_env(config, env)
         spaces = Spaces.of(env)
         agent = Agent(system.create(config, spaces), config, spaces)
         with tempfile.TemporaryDirectory(prefix="langwm-plan-") as folder:

@@ -15,7 +15,6 @@ import numpy as np
 
 from agent.best import Best
 from agent.config import AgentConfig
-from agent.envs.make import check_gives, make_env
 from agent.models.world_model import Metrics
 from agent.plan import bytes_a_step
 from agent.replay import Replay, check_disk
@@ -73,10 +72,8 @@ def train_agent(
     """
     usable_device(config.device)
     system = find_system(config.system, encoder)
-    env = make_env(config.env, env, with_labels=system.needs_labels(config))
+    env = system.make_env(config, env)
     try:
-        check_gives(env, config.system, labels=system.needs_labels(config), depth=system.needs_depth(config))
-        env = system.wrap_env(config, env)
         spaces = Spaces.of(env)
         model = system.create(config, spaces)
         _check_disk(config, system, spaces, out)

@@ -12,6 +12,7 @@ from jaxtyping import Float32
 
 from agent.config import AgentConfig
 from agent.envs.features import FeatureEnv
+from agent.envs.pointnav import PointNavEnv
 from agent.systems.dreamerv2 import assemble_vector, make_learner
 from agent.systems.system import make_system
 from langwm_data.config_io import ConfigError
@@ -50,16 +51,20 @@ def wrap_env(config: AgentConfig, env: gymnasium.Env) -> FeatureEnv:
     """Add the vector to what ``env`` observes.
 
     Raises:
-        ConfigError: If ``env`` does not label objects; at the first reset.
+        ConfigError: If ``env`` does not label objects: now, or for an environment that is not ours, at its
+            first reset.
     """
     num_objects = config.oracle_boxes.num_objects
+    refusal = ConfigError(
+        f"system {config.system!r} needs info['objects'] at every step, which this environment does"
+        " not give; set env.with_labels=true"
+    )
+    if isinstance(env.unwrapped, PointNavEnv) and not env.unwrapped.config.with_labels:
+        raise refusal
 
     def describe(obs: Mapping[str, np.ndarray], info: Mapping[str, Any]) -> Float32[np.ndarray, " V"]:
         if "objects" not in info:
-            raise ConfigError(
-                f"system {config.system!r} needs info['objects'] at every step, which this environment does"
-                " not give; set env.with_labels=true"
-            )
+            raise refusal
         height, width = obs["rgb"].shape[:2]
         return describe_objects(info["objects"], num_objects, height=height, width=width)
 

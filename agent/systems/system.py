@@ -12,6 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from agent.config import AgentConfig
+from agent.envs.make import check_gives, make_env
 from agent.models.world_model import Metrics
 from agent.replay import Replay
 from langwm_data.config_io import ConfigError
@@ -165,6 +166,22 @@ class System:
     """Whether the replay keeps depth."""
     note: str = ""
     """What a table has to say about this row: where it differs from the others in what it gets."""
+
+    def make_env(self, config: AgentConfig, env: gymnasium.Env | None = None) -> gymnasium.Env:
+        """The environment to learn in, as the model must see it: ``env``, or the one that ``config`` names.
+
+        Raises:
+            ConfigError: If there is none, or it does not give what this system needs; it is closed then.
+        """
+        needs_labels = self.needs_labels(config)
+        env = make_env(config.env, env, with_labels=needs_labels)
+        try:
+            labels = needs_labels or config.env.with_labels
+            check_gives(env, config.system, labels=labels, depth=self.needs_depth(config))
+            return self.wrap_env(config, env)
+        except BaseException:
+            env.close()
+            raise
 
 
 def make_system(

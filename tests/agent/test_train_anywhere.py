@@ -13,7 +13,7 @@ from agent.best import WINDOW, Best
 from agent.envs.outcomes import Outcome
 from agent.plan import plan_training
 from agent.systems.agent import Agent
-from agent.systems.registry import find_system
+from agent.systems.registry import load_agent_config
 from agent.train import train_agent
 from langwm_data.config_io import ConfigError
 from pretrain.checkpoint import latest_checkpoint, load_checkpoint
@@ -103,13 +103,18 @@ def test_the_random_beginning_differs_between_episodes_that_look_alike(config, t
     assert len({tuple(row[1:, 0].tolist()) for row in drawn}) > 1
 
 
-def test_a_system_that_needs_labels_is_refused_before_anything_is_written(config, tmp_path):
-    langwm = dataclasses.replace(config, system="langwm")
-    assert find_system("langwm").needs_labels(langwm)
-    with pytest.raises(
-        ConfigError, match="'langwm' learns from depth in its observation and objects in its info"
-    ):
-        train_agent(langwm, tmp_path / "run")
+@pytest.mark.parametrize(
+    ("system", "needs"),
+    [
+        ("langwm", "depth in its observation and objects in its info"),
+        ("dreamerv2-oracle-boxes", "objects in its info"),
+    ],
+)
+def test_a_system_that_needs_labels_is_refused_before_anything_is_written(config, tmp_path, system, needs):
+    overrides = dataclasses.asdict(config)
+    del overrides["env"]["with_labels"]  # as the system's own configuration has it
+    with pytest.raises(ConfigError, match=f"{system!r} learns from {needs}, which"):
+        train_agent(load_agent_config(system, overrides=overrides), tmp_path / "run")
     assert not (tmp_path / "run").exists()
 
 

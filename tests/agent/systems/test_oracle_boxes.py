@@ -1,9 +1,12 @@
+import contextlib
 import dataclasses
 
 import numpy as np
 import pytest
 
+from agent.envs.pointnav import PointNavEnv
 from agent.systems.oracle_boxes import KINDS, NUM_PLACES, describe_objects, wrap_env
+from agent.systems.registry import load_agent_config
 from langwm_data.config_io import ConfigError
 from pretrain.batch import FrameObject
 
@@ -60,3 +63,14 @@ def test_an_environment_without_labels_is_refused(tiny_config, make_room):
         ConfigError, match=r"'dreamerv2-oracle-boxes' needs info\['objects'\] .*with_labels=true"
     ):
         wrap_env(config, room).reset(seed=0)
+
+
+def test_homes_without_labels_are_refused_before_an_episode_begins():
+    config = load_agent_config(
+        "dreamerv2-oracle-boxes", presets=["debug"], overrides={"env": {"with_labels": False}}
+    )
+    with (
+        contextlib.closing(PointNavEnv(config.env)) as env,
+        pytest.raises(ConfigError, match="with_labels=true"),
+    ):
+        wrap_env(config, env)
