@@ -39,10 +39,13 @@ SIZE = 32
 TASKS: dict[str, dict[str, Any]] = {
     "reach": {"id": "KnownTasks/Reach-v0"},
     "reach-pixels": {"id": "KnownTasks/Reach-v0", "kwargs": {"tells": False}},
+    "reach-boxes": {"id": "KnownTasks/Reach-v0", "kwargs": {"tells": False, "labels": True}},
+    "line": {"id": "KnownTasks/Line-v0"},
+    "line-blind": {"id": "KnownTasks/Line-v0", "kwargs": {"is_blind": True}},
     "pendulum": {"id": "KnownTasks/Pendulum-v0"},
     "pendulum-blind": {"id": "KnownTasks/Pendulum-v0", "kwargs": {"is_blind": True}},
 }
-"""What ``env`` is set to; in the last three nothing but the frames, or nothing at all, tells of the task."""
+"""What ``env`` is set to; in all but the first, frames alone, boxes, or nothing at all tells of the task."""
 EVAL_SEED = 10_000
 EPISODES = 30
 SMALL = {"layers": 2, "units": 64}

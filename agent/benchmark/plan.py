@@ -11,11 +11,10 @@ from agent.benchmark.grid import Cell, GridConfig, base_config, cell_config, cel
 from agent.benchmark.record import Record, read_record
 from agent.benchmark.run import check_grid
 from agent.config import AgentConfig
+from agent.replay import step_bytes
+from agent.systems.registry import find_system
 from langwm_data.baking import open_scenes
 from langwm_data.shards.summary import format_size
-
-BYTES_PER_PIXEL = 5
-"""Of a frame in the replay buffer: three of colour, two of depth."""
 
 
 def plan_benchmark(grid: GridConfig, out: Path, *, workers: int = 1) -> str:
@@ -48,9 +47,16 @@ def _episodes(config: AgentConfig) -> int:
 
 
 def _replay_bytes(config: AgentConfig) -> int:
-    """At most: without objects, which take little."""
-    camera, steps = config.env.camera, min(config.steps, config.replay.capacity_steps)
-    return steps * camera.height * camera.width * BYTES_PER_PIXEL
+    """What frames, depth and objects take; the few numbers of a step are left out."""
+    camera, system = config.env.camera, find_system(config.system)
+    each = step_bytes(
+        camera.height,
+        camera.width,
+        0,
+        with_depth=system.needs_depth(config),
+        with_objects=system.needs_labels(config),
+    )
+    return min(config.steps, config.replay.capacity_steps) * each
 
 
 def _time(grid: GridConfig, todo: Sequence[Cell], records: dict[Cell, Record], workers: int) -> str:

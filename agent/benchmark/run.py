@@ -16,7 +16,6 @@ from agent.benchmark.cells import CellWorker, units_of
 from agent.benchmark.grid import Cell, GridConfig, base_config, cell_config, cells_of, is_grid
 from agent.benchmark.record import Record, read_record, write_record
 from agent.benchmark.report import write_reports
-from agent.envs.pointnav import PointNavEnv
 from agent.systems.registry import find_system
 from agent.systems.system import Spaces
 from langwm_data.config_io import (
@@ -124,7 +123,7 @@ def check_learners(grid: GridConfig) -> None:
         usable_device(config.device)
         system = find_system(cell.system)
         try:
-            with contextlib.closing(system.wrap_env(config, PointNavEnv(config.env))) as env:
+            with contextlib.closing(system.make_env(config)) as env:
                 system.create(config, Spaces.of(env))
         except ValueError as error:
             raise ConfigError(f"{cell.system} cannot be trained so: {error}") from error

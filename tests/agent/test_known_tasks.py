@@ -42,6 +42,40 @@ def test_the_frame_shows_where_goal_and_point_are():
         np.testing.assert_allclose(seen * (1, -1), point, atol=0.1)
 
 
+def test_boxes_of_goal_and_point_are_those_of_the_frame():
+    kwargs = {"tells": False, "labels": True}
+    env = make_env(EnvConfig(id="KnownTasks/Reach-v0", kwargs=kwargs, camera=CAMERA))
+    obs, info = env.reset(seed=3)
+    assert [o.category for o in info["objects"]] == ["chair", "table"]
+    for channel, thing in ((0, info["objects"][0]), (2, info["objects"][1])):
+        rows, columns = np.nonzero(obs["rgb"][..., channel])
+        drawn = (columns.min(), rows.min(), columns.max() + 1, rows.max() + 1)
+        np.testing.assert_allclose(thing.bbox_xyxy, drawn, atol=1)
+
+
+def brake(obs, state):
+    """Push towards the middle, minding the speed; both are taken from the frames."""
+    columns = np.flatnonzero(obs["rgb"][16, :, 0])
+    place = float((columns.mean() + 0.5 - 16) / 12)
+    speed = 0.0 if state is None else place - state
+    return np.clip([-4 * (place + 6 * speed)], -1, 1).astype(np.float32), place
+
+
+def test_who_sees_the_mass_on_the_line_brings_it_to_rest():
+    env = make_env(EnvConfig(id="KnownTasks/Line-v0", camera=CAMERA))
+    still = [
+        run_episode(env, lambda obs, state: (np.zeros(1), state), seed=s).total_reward for s in range(10)
+    ]
+    seen = [run_episode(env, brake, seed=s).total_reward for s in range(10)]
+    assert np.mean(seen) > -4
+    assert np.mean(still) < -15
+
+
+def test_the_line_can_be_black():
+    env = make_env(EnvConfig(id="KnownTasks/Line-v0", kwargs={"is_blind": True}, camera=CAMERA))
+    assert not env.reset(seed=0)[0]["rgb"].any()
+
+
 def test_rewards_of_the_pendulum_are_a_tenth():
     def play(env):
         env.reset(seed=0)

@@ -246,7 +246,7 @@ def test_a_plan_counts_what_is_left(done, tmp_path):
     assert lines[0] == "cells   5: 3 are done, 2 are to be trained"
     assert lines[1] == "steps   60 of environments, 4 updates"
     assert lines[2] == "scoring 3 episodes a cell: 1 on each test floor and 1 on each train floor"
-    assert lines[3].startswith("disk    1.5 MB")
+    assert lines[3].startswith("disk    1.6 MB")
     assert lines[4].endswith("h with 2 cells at a time")
     grid = begin_grid(tmp_path, "langwm,random")
     assert "not known before a first cell is done" in plan_benchmark(grid, tmp_path)
