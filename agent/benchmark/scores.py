@@ -13,6 +13,7 @@ import numpy as np
 from agent.benchmark.results import Played, Results
 from agent.scoring.statistics import (
     hierarchical_bootstrap_interval,
+    pooled_rate_interval,
     shared_episodes_interval,
     wilson_interval,
 )
@@ -105,13 +106,10 @@ def _floor_score(played: Played, split: str, floor: str) -> Score:
 def _wide_score(played: Played, split: str, part: str) -> Score:
     def interval(measure: str) -> Interval:
         rng = make_rng(0, "benchmark", played.system, split, part, measure)
-        return hierarchical_bootstrap_interval(list(played.values[measure]), rng)
+        over_seeds = pooled_rate_interval if measure == "success" else hierarchical_bootstrap_interval
+        return over_seeds(list(played.values[measure]), rng)
 
-    wins = played.values["success"]
-    wilson, drawn = wilson_interval(int(wins.sum()), wins.size), interval("success")
-    # Resampling episodes that all failed knows no doubt, and a single seed says nothing about others.
-    success = Interval(drawn.mean, min(drawn.low, wilson.low), max(drawn.high, wilson.high))
-    return _score(played, success, interval)
+    return _score(played, interval("success"), interval)
 
 
 def _score(played: Played, success: Interval, interval: Callable[[str], Interval]) -> Score:

@@ -57,6 +57,19 @@ def hierarchical_bootstrap_interval(
     return percentiles(float(np.mean([g.mean() for g in groups])), means.mean(axis=1), confidence)
 
 
+def pooled_rate_interval(
+    groups: Sequence[Values], rng: np.random.Generator, *, confidence: float = 0.95
+) -> Interval:
+    """As ``hierarchical_bootstrap_interval`` of 0 and 1, but never narrower than Wilson's of all episodes.
+
+    Resampling episodes that all failed knows no doubt, and a single seed says nothing about others.
+    """
+    drawn = hierarchical_bootstrap_interval(groups, rng, confidence=confidence)
+    wins, trials = sum(int(group.sum()) for group in groups), sum(map(len, groups))
+    wilson = wilson_interval(wins, trials, confidence=confidence)
+    return Interval(drawn.mean, min(drawn.low, wilson.low), max(drawn.high, wilson.high))
+
+
 def shared_episodes_interval(
     first: Float64[np.ndarray, "S E"],
     second: Float64[np.ndarray, "S2 E2"],

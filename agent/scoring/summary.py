@@ -9,7 +9,11 @@ from jaxtyping import Float64
 from scipy.stats import binomtest
 
 from agent.scoring.rows import Row
-from agent.scoring.statistics import hierarchical_bootstrap_interval, wilson_interval
+from agent.scoring.statistics import (
+    hierarchical_bootstrap_interval,
+    pooled_rate_interval,
+    wilson_interval,
+)
 from langwm_data.seeding import make_rng
 from pretrain.statistics import Interval, percentiles
 
@@ -203,17 +207,14 @@ def pool_runs(rows: Sequence[Row], runs: Mapping[str, str]) -> list[Score]:
         for split in sorted({row["split"] for row in rows}) if len(names) > 1 else ():
             own = [[r for r in rows if (r["system"], r["split"]) == (name, split)] for name in names]
             rng = make_rng(0, "pooled", system, split)
-            intervals = {
-                m: hierarchical_bootstrap_interval([np.array([r[m] for r in run], float) for run in own], rng)
-                for m in ("success", *MEANS)
-            }
+            columns = {m: [np.array([r[m] for r in run], float) for run in own] for m in ("success", *MEANS)}
             scores.append(
                 Score(
                     system=f"{system}, {len(names)} runs",
                     split=split,
                     num_episodes=sum(map(len, own)),
-                    success=intervals.pop("success"),
-                    means=intervals,
+                    success=pooled_rate_interval(columns["success"], rng),
+                    means={m: hierarchical_bootstrap_interval(columns[m], rng) for m in MEANS},
                 )
             )
     return scores

@@ -6,6 +6,7 @@ from scipy import stats
 
 from agent.scoring.statistics import (
     hierarchical_bootstrap_interval,
+    pooled_rate_interval,
     shared_episodes_interval,
     wilson_interval,
 )
@@ -36,6 +37,16 @@ def test_seeds_that_disagree_widen_the_interval():
     wide = hierarchical_bootstrap_interval(apart, np.random.default_rng(1))
     assert wide.high - wide.low > 4 * (narrow.high - narrow.low)
     assert wide.mean == pytest.approx(narrow.mean)
+
+
+def test_a_pooled_rate_is_no_surer_than_wilson_nor_than_its_seeds():
+    failed = pooled_rate_interval([np.zeros(20), np.zeros(20)], np.random.default_rng(0))
+    assert failed == wilson_interval(0, 40)
+    groups = [np.repeat([1.0, 0.0], [wins, 40 - wins]) for wins in (38, 2)]
+    apart = pooled_rate_interval(groups, np.random.default_rng(0))
+    drawn = hierarchical_bootstrap_interval(groups, np.random.default_rng(0))
+    assert apart == drawn
+    assert drawn.high - drawn.low > 0.8
 
 
 def test_hierarchical_interval_of_one_seed_is_the_plain_one():
