@@ -10,9 +10,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from gymnasium.wrappers import TransformReward
+from gymnasium.wrappers import RescaleAction, TransformReward
 
-from benchmarks.pendulum import PixelPendulum
 from pretrain.batch import FrameObject
 
 SIZE = 32
@@ -118,6 +117,29 @@ class Line(gymnasium.Env[Obs, np.ndarray]):
         picture = np.zeros((SIZE, SIZE, 3), np.uint8)
         picture[8:24] = (255 * ink).astype(np.uint8)[None, :, None]
         return {"rgb": picture}
+
+
+class PixelPendulum(gymnasium.ObservationWrapper[Obs, np.ndarray, np.ndarray]):
+    """Gymnasium's pendulum as a picture; its goal is to stand.
+
+    Args:
+        is_blind: Whether frames are black; nothing else tells of angle and speed.
+    """
+
+    def __init__(self, *, is_blind: bool = False) -> None:
+        super().__init__(RescaleAction(gymnasium.make("Pendulum-v1"), np.float32(-1), np.float32(1)))
+        self._is_blind = is_blind
+        self.observation_space = spaces.Dict(rgb=spaces.Box(0, 255, (SIZE, SIZE, 3), np.uint8))  # pyright: ignore[reportAttributeAccessIssue]
+        axis = (np.arange(SIZE) + 0.5) / SIZE * 2 - 1
+        self._x, self._y = np.meshgrid(axis, -axis)
+
+    def observation(self, observation: np.ndarray) -> Obs:
+        """A bar from the middle; upright at angle 0, to the left at a quarter turn."""
+        cosine, sine, _ = observation
+        along = np.clip(self._y * cosine - self._x * sine, 0, 0.8)
+        distance = np.hypot(self._x + along * sine, self._y - along * cosine)
+        ink = np.clip((0.2 - distance) * SIZE / 2, 0, 1) * (not self._is_blind)
+        return {"rgb": np.repeat((255 * ink[..., None]).astype(np.uint8), 3, -1)}
 
 
 def make_pendulum(*, is_blind: bool = False) -> gymnasium.Env:

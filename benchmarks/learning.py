@@ -26,7 +26,6 @@ from agent.systems.agent import Agent
 from agent.systems.controls import make_random_policy
 from agent.systems.registry import SYSTEMS, load_agent_config
 from agent.train import train_agent
-from benchmarks.pendulum import NETWORKS
 from langwm_data.config_io import merge, parse_assignment
 from langwm_data.seeding import derive_seed, make_rng
 from pretrain.batch import TextTokens
@@ -93,7 +92,7 @@ SIZES: dict[str, Any] = {
     },
     "batch_size": 8,
     "batch_length": 8,
-    "sac": NETWORKS,
+    "sac": {"filters": 16, "hidden": 256, "batch_size": 64},
 }
 SCHEDULE = {"prefill_steps": 500, "update_every": 2, "log_every": 20, "checkpoint_every": 1000}
 

@@ -1,11 +1,14 @@
+import math
+
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.utils.env_checker import check_env
 
-import benchmarks.known_tasks  # noqa: F401  (registers the tasks)
 from agent.config import EnvConfig
 from agent.envs.make import make_env
 from agent.rollout import run_episode
+from benchmarks.known_tasks import PixelPendulum
 from langwm_data.config import CameraConfig
 
 CAMERA = CameraConfig(height=32, width=32)
@@ -86,3 +89,21 @@ def test_rewards_of_the_pendulum_are_a_tenth():
         gymnasium.wrappers.RescaleAction(gymnasium.make("Pendulum-v1"), np.float32(-1), np.float32(1))
     )
     assert ours == pytest.approx([0.1 * r for r in theirs])
+
+
+@pytest.mark.parametrize(("angle", "row", "column"), [(0.0, 3, 16), (math.pi, 29, 16), (math.pi / 2, 16, 3)])
+def test_the_drawn_bar_points_where_gymnasiums_does(angle, row, column):
+    picture = PixelPendulum().observation(np.array([math.cos(angle), math.sin(angle), 0.0]))["rgb"]
+    assert picture[row, column].min() > 200
+    opposite = picture[::-1, ::-1][row, column]
+    assert opposite.max() == 0
+
+
+def test_the_pendulum_can_be_black():
+    env = make_env(EnvConfig(id="KnownTasks/Pendulum-v0", kwargs={"is_blind": True}, camera=CAMERA))
+    assert not env.reset(seed=0)[0]["rgb"].any()
+
+
+@pytest.mark.parametrize("task", ["Reach-v0", "Line-v0", "Pendulum-v0"])
+def test_known_tasks_are_environments(task):
+    check_env(gymnasium.make(f"KnownTasks/{task}").unwrapped, skip_render_check=True)
