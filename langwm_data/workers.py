@@ -82,8 +82,10 @@ class WorkerPool:
         for pipe, process in self._pipes.items():
             if error is None:
                 pipe.close()  # nothing more comes, so it ends
-            else:
-                process.terminate()
+                continue
+            process.terminate()
+            with suppress(OSError):
+                pipe.send(_NoMore())  # what saves and finishes in spite of it must not wait for another
         for process in [*self._retired, *self._pipes.values()]:
             process.join(self._join_s)
             process.kill()
@@ -192,6 +194,10 @@ class _LocalWorker:
         self._held.close()
 
 
+class _NoMore:
+    """In the place of a task: there will be none."""
+
+
 def _serve(pipe: Connection, make_worker: WorkerFactory) -> None:
     # An interrupt from the keyboard reaches the whole group; the parent decides what it means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -199,6 +205,8 @@ def _serve(pipe: Connection, make_worker: WorkerFactory) -> None:
     with suppress(EOFError, BrokenPipeError, ConnectionResetError), make_worker() as work:
         while True:
             task = pipe.recv()
+            if isinstance(task, _NoMore):
+                return
             try:
                 work(task, pipe.send)
             except BrokenPipeError:
