@@ -46,7 +46,7 @@ class Drift(gymnasium.Env):
 gymnasium.register("Tests/Drift-v0", entry_point=Drift, max_episode_steps=6)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def config(tiny_config):
     env = dataclasses.replace(tiny_config.env, id="Tests/Drift-v0")
     return dataclasses.replace(tiny_config, env=env, system="dreamerv2")
@@ -118,10 +118,16 @@ def test_a_system_that_needs_labels_is_refused_before_anything_is_written(config
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.parametrize("part", ["best", "model", "checkpoints", "metrics.jsonl"])
-def test_a_full_disk_anywhere_leaves_the_last_checkpoint(part, config, tmp_path, monkeypatch):
+@pytest.fixture(scope="module")
+def whole(config, tmp_path_factory):
+    """A run that nothing disturbed, and its configuration."""
     config = dataclasses.replace(config, steps=200)
-    whole = train_agent(config, tmp_path / "whole")
+    return config, train_agent(config, tmp_path_factory.mktemp("whole") / "run")
+
+
+@pytest.mark.parametrize("part", ["best", "model", "checkpoints", "metrics.jsonl"])
+def test_a_full_disk_anywhere_leaves_the_last_checkpoint(part, whole, tmp_path, monkeypatch):
+    config, undisturbed = whole
     out = tmp_path / "full"
     full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), part)
     with monkeypatch.context() as patch:
@@ -132,8 +138,8 @@ def test_a_full_disk_anywhere_leaves_the_last_checkpoint(part, config, tmp_path,
     assert kept is not None
     load_checkpoint(kept)
     train_agent(config, out)
-    assert logged(out) == logged(whole)
-    ours, theirs = (Agent.from_pretrained(run).model.state_dict() for run in (out, whole))
+    assert logged(out) == logged(undisturbed)
+    ours, theirs = (Agent.from_pretrained(run).model.state_dict() for run in (out, undisturbed))
     assert all(np.array_equal(ours[k], theirs[k]) for k in theirs)
 
 
