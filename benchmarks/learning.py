@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import torch
 from matplotlib.figure import Figure
@@ -118,9 +119,8 @@ def make_config(asked: argparse.Namespace, system: str) -> AgentConfig:
     return load_agent_config(system, overrides=overrides)
 
 
-def play(config: AgentConfig, act: Policy, system: str) -> dict[str, Any]:
-    """Scores of a policy on episodes that are always the same."""
-    env = make_env(config.env)
+def play(env: gymnasium.Env, act: Policy, system: str) -> dict[str, Any]:
+    """Scores of a policy on episodes that are always the same; closes ``env``."""
     outcomes = [run_episode(env, act, seed=seed) for seed in range(EVAL_SEED, EVAL_SEED + EPISODES)]
     env.close()
     returns = np.array([outcome.total_reward for outcome in outcomes])
@@ -137,7 +137,6 @@ def play_random(config: AgentConfig) -> dict[str, Any]:
     """Scores of random actions, drawn anew in every episode."""
     env = make_env(config.env)
     dim = env.action_space.shape[0]  # pyright: ignore[reportOptionalSubscript]
-    env.close()
     count = iter(range(EPISODES))
     held: dict[str, Policy] = {}
 
@@ -146,7 +145,7 @@ def play_random(config: AgentConfig) -> dict[str, Any]:
             held["now"] = make_random_policy(derive_seed(0, "learning", next(count)), dim)
         return held["now"](obs, state)
 
-    return play(config, act, "random")
+    return play(env, act, "random")
 
 
 def learn(asked: argparse.Namespace, system: str) -> dict[str, Any]:
@@ -156,8 +155,9 @@ def learn(asked: argparse.Namespace, system: str) -> dict[str, Any]:
     train_agent(config, out)
     spent = time.process_time() - begin
     played = [row for row in read_metrics(out) if "env/return" in row]
+    agent = Agent.from_pretrained(out)
     return {
-        **play(config, Agent.from_pretrained(out).act, system),
+        **play(agent.wrap_env(make_env(config.env)), agent.act, system),
         "cpu_s": spent,
         "updates": config.num_updates,
         "curve": [[row["step"], row["env/return"]] for row in played],
