@@ -27,7 +27,7 @@ from agent.systems.agent import Agent
 from agent.systems.controls import make_random_policy
 from agent.systems.registry import SYSTEMS, load_agent_config
 from agent.train import train_agent
-from langwm_data.config_io import merge, parse_assignment
+from langwm_data.config_io import build_config, merge, parse_assignment
 from langwm_data.seeding import derive_seed, make_rng
 from pretrain.batch import TextTokens
 from pretrain.config import MAEConfig, TextConfig
@@ -49,26 +49,18 @@ TASKS: dict[str, dict[str, Any]] = {
 EVAL_SEED = 10_000
 EPISODES = 30
 SMALL = {"layers": 2, "units": 64}
-MODEL = MAEConfig(
-    height=SIZE,
-    width=SIZE,
-    conv_channels=(8, 16, 32),
-    dim=32,
-    num_heads=2,
-    encoder_layers=1,
-    decoder_layers=1,
-)
+MODEL: dict[str, Any] = {
+    "height": SIZE,
+    "width": SIZE,
+    "conv_channels": [8, 16, 32],
+    "dim": 32,
+    "num_heads": 2,
+    "encoder_layers": 1,
+    "decoder_layers": 1,
+}
 SIZES: dict[str, Any] = {
     "finetune": {
-        "model": {
-            "height": SIZE,
-            "width": SIZE,
-            "conv_channels": [8, 16, 32],
-            "dim": 32,
-            "num_heads": 2,
-            "encoder_layers": 1,
-            "decoder_layers": 1,
-        },
+        "model": MODEL,
         "text": {"model": "minilm"},
         "augment": {"padding_px": 2},
     },
@@ -102,7 +94,9 @@ def write_untrained_mae(folder: Path) -> None:
     """An autoencoder with random weights for frames of this size."""
     torch.manual_seed(0)
     null = TextTokens(embed=torch.zeros(1, 3, 8), attend=torch.ones(1, 3, dtype=torch.bool))
-    LanguageGroundedMAE(MODEL, TextConfig(num_tokens=2), null).save_pretrained(folder)
+    LanguageGroundedMAE(build_config(MAEConfig, MODEL), TextConfig(num_tokens=2), null).save_pretrained(
+        folder
+    )
 
 
 def make_config(asked: argparse.Namespace, system: str) -> AgentConfig:

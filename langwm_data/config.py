@@ -6,11 +6,8 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field
 
 from langwm_data.config_io import ConfigError, config
+from langwm_data.numbers import Fraction, Positive, PositiveInt
 from langwm_data.scenes.splits import EVERYTHING, HeldOut
-
-Positive = Annotated[float, Field(gt=0)]
-PositiveInt = Annotated[int, Field(ge=1)]
-Fraction = Annotated[float, Field(ge=0, le=1)]
 
 
 @config

@@ -11,11 +11,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from langwm_data.config_io import ConfigError, config
-
-Positive = Annotated[float, Field(gt=0)]
-PositiveInt = Annotated[int, Field(ge=1)]
-Count = Annotated[int, Field(ge=0)]
-Fraction = Annotated[float, Field(ge=0, le=1)]
+from langwm_data.numbers import Count, Fraction, Positive, PositiveInt
 
 
 @config

@@ -11,8 +11,9 @@ from agent.benchmark.grid import Cell, GridConfig, base_config, cell_config, cel
 from agent.benchmark.record import Record, read_record
 from agent.benchmark.run import check_grid
 from agent.config import AgentConfig
-from agent.replay import step_bytes
+from agent.plan import bytes_a_step
 from agent.systems.registry import find_system
+from agent.systems.system import Spaces
 from langwm_data.baking import open_scenes
 from langwm_data.shards.summary import format_size
 
@@ -48,15 +49,9 @@ def _episodes(config: AgentConfig) -> int:
 
 def _replay_bytes(config: AgentConfig) -> int:
     """What frames, depth and objects take; the few numbers of a step are left out."""
-    camera, system = config.env.camera, find_system(config.system)
-    each = step_bytes(
-        camera.height,
-        camera.width,
-        0,
-        with_depth=system.needs_depth(config),
-        with_objects=system.needs_labels(config),
-    )
-    return min(config.steps, config.replay.capacity_steps) * each
+    camera, steps = config.env.camera, min(config.steps, config.replay.capacity_steps)
+    frames = Spaces(camera.height, camera.width, task_dim=0, action_dim=0)
+    return steps * bytes_a_step(config, find_system(config.system), frames)
 
 
 def _time(grid: GridConfig, todo: Sequence[Cell], records: dict[Cell, Record], workers: int) -> str:

@@ -96,11 +96,13 @@ def _floor_score(played: Played, split: str, floor: str) -> Score:
     """Seeds are pooled: the interval is of these trained agents, whatever others would do."""
 
     def interval(measure: str) -> Interval:
+        values = played.values[measure].ravel()
+        if measure == "success":
+            return wilson_interval(int(values.sum()), values.size)
         rng = make_rng(0, "benchmark floor", played.system, split, floor, measure)
-        return bootstrap_interval(played.values[measure].ravel(), rng, resamples=1000)
+        return bootstrap_interval(values, rng, resamples=1000)
 
-    wins = played.values["success"]
-    return _score(played, wilson_interval(int(wins.sum()), wins.size), interval)
+    return _score(played, interval)
 
 
 def _wide_score(played: Played, split: str, part: str) -> Score:
@@ -109,15 +111,15 @@ def _wide_score(played: Played, split: str, part: str) -> Score:
         over_seeds = pooled_rate_interval if measure == "success" else hierarchical_bootstrap_interval
         return over_seeds(list(played.values[measure]), rng)
 
-    return _score(played, interval("success"), interval)
+    return _score(played, interval)
 
 
-def _score(played: Played, success: Interval, interval: Callable[[str], Interval]) -> Score:
+def _score(played: Played, interval: Callable[[str], Interval]) -> Score:
     values = played.values
     return Score(
         num_episodes=values["success"].shape[1],
         num_seeds=len(played.seeds),
-        success=success,
+        success=interval("success"),
         spl=interval("spl"),
         soft_spl=interval("soft_spl"),
         distance_to_goal=interval("distance_to_goal"),

@@ -5,8 +5,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from agent.config.numbers import Fraction, NonNegative, Positive, PositiveInt
 from langwm_data.config_io import ConfigError, config
+from langwm_data.numbers import Fraction, NonNegative, Positive, PositiveInt
 
 
 @config

@@ -7,7 +7,6 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field
 
-from agent.config.numbers import Positive, PositiveInt
 from langwm_data.config import (
     CameraConfig,
     LabelsConfig,
@@ -17,6 +16,7 @@ from langwm_data.config import (
     ScenesConfig,
 )
 from langwm_data.config_io import ConfigError, config
+from langwm_data.numbers import Positive, PositiveInt
 
 
 def _ascending(edges: tuple[float, ...]) -> tuple[float, ...]:

@@ -7,9 +7,9 @@ from pydantic import Field
 
 from agent.config.dreamer import BehaviorConfig, OptimizerConfig, WorldModelConfig
 from agent.config.env import EnvConfig
-from agent.config.numbers import Count, PositiveInt
 from agent.config.systems import GroundingDinoConfig, KeyEncoderConfig, OracleBoxesConfig, SACConfig
 from langwm_data.config_io import ConfigError, config
+from langwm_data.numbers import Count, PositiveInt
 from pretrain.config import AugmentConfig, MAEConfig, ObjectMaskConfig, OptimConfig, TextConfig
 
 

@@ -4,8 +4,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from agent.config.numbers import Fraction, Positive, PositiveInt
 from langwm_data.config_io import ConfigError, config
+from langwm_data.numbers import Fraction, Positive, PositiveInt
 
 Augmentation = Literal["crop", "pad_crop", "translate", "grayscale", "cutout", "color_jitter"]
 _PLACES = ("crop", "pad_crop", "translate")

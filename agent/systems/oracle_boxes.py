@@ -55,20 +55,23 @@ def wrap_env(config: AgentConfig, env: gymnasium.Env) -> FeatureEnv:
             first reset.
     """
     num_objects = config.oracle_boxes.num_objects
-    refusal = ConfigError(
-        f"system {config.system!r} needs info['objects'] at every step, which this environment does"
-        " not give; set env.with_labels=true"
-    )
     if isinstance(env.unwrapped, PointNavEnv) and not env.unwrapped.config.with_labels:
-        raise refusal
+        raise _refusal(config)
 
     def describe(obs: Mapping[str, np.ndarray], info: Mapping[str, Any]) -> Float32[np.ndarray, " V"]:
         if "objects" not in info:
-            raise refusal
+            raise _refusal(config)
         height, width = obs["rgb"].shape[:2]
         return describe_objects(info["objects"], num_objects, height=height, width=width)
 
     return FeatureEnv(env, describe, num_objects * (NUM_PLACES + len(KINDS)))
+
+
+def _refusal(config: AgentConfig) -> ConfigError:
+    return ConfigError(
+        f"system {config.system!r} needs info['objects'] at every step, which this environment does"
+        " not give; set env.with_labels=true"
+    )
 
 
 SYSTEM = make_system(
