@@ -5,6 +5,7 @@ to the loops.
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 import torch
@@ -19,6 +20,7 @@ from pretrain.losses import ADDITIVE, loss_counts, mae_loss
 from pretrain.mae import LanguageGroundedMAE
 from pretrain.object_masking import HiddenObjects, hide_objects
 from pretrain.optim import Optimizer
+from pretrain.parts import count_parts
 from pretrain.team import ALONE, Team
 
 
@@ -103,32 +105,37 @@ def mae_update(
     noise = mae.token_noise(num_rows * team.size, generator)[own.start : own.stop].to(device)
     counts = team.add(loss_counts(batch, mae.config))
     others = [] if device.type == "cpu" else [device]
-    size = num_rows // optimizer.config.accumulate
-    found: list[dict[str, Tensor]] = []
+    num_parts = max(optimizer.config.accumulate, count_parts(num_rows, device))
+    found: list[tuple[int, dict[str, Tensor]]] = []
     optimizer.forget_gradients()
     with torch.random.fork_rng(others, device_type=device.type):
         torch.manual_seed(torch_seed(seed, "dropout", step) + team.rank)
-        for start in range(0, num_rows, size):
-            rows = slice(start, start + size)
+        for start, end in pairwise(k * num_rows // num_parts for k in range(num_parts + 1)):
+            rows = slice(start, end)
             part = batch.rows(rows)
             with torch.autocast(device.type, torch.bfloat16, enabled=optimizer.config.precision == "bf16"):
                 output = mae(part, noise[rows])
             loss, metrics = mae_loss(output, part, mae.config, counts)
             loss.backward()
-            found.append({"loss": loss.detach(), **metrics})
+            found.append((end - start, {"loss": loss.detach(), **metrics}))
     team.add_gradients(optimizer.parameters)
     summed = _summed(found, team)
     taken = optimizer.apply_gradients(summed.pop("loss"), step)
     return summed | {f"mae/{name}": value for name, value in taken.items()}
 
 
-def _summed(parts: list[dict[str, Tensor]], team: Team) -> dict[str, float]:
-    """Metrics of all parts of a step: losses add up, shares are averaged."""
-    names = list(parts[0])
-    totals = torch.stack([torch.stack([part[name].float() for part in parts]).sum() for name in names])
-    values = dict(zip(names, team.add(totals).tolist(), strict=True))
-    num_parts = len(parts) * team.size
-    return {name: v if name in ADDITIVE else v / num_parts for name, v in values.items()}
+def _summed(parts: list[tuple[int, dict[str, Tensor]]], team: Team) -> dict[str, float]:
+    """Metrics of all parts of a step, each with its number of rows: losses add up, shares are averaged."""
+    num_rows = sum(rows for rows, _ in parts) * team.size
+
+    def total(name: str) -> Tensor:
+        shares = [1 if name in ADDITIVE else rows / num_rows for rows, _ in parts]
+        return torch.stack(
+            [s * found[name].float() for s, (_, found) in zip(shares, parts, strict=True)]
+        ).sum()
+
+    names = list(parts[0][1])
+    return dict(zip(names, team.add(torch.stack([total(name) for name in names])).tolist(), strict=True))
 
 
 def torch_seed(seed: int, *names: str | int) -> int:

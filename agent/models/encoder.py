@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from agent.config import PoolingConfig, TaskConfig, WorldModelConfig
 from agent.models.nets import make_linear, make_mlp
 from agent.models.observation import ObservationModel
+from pretrain.parts import map_parts, mean_loss
 from pretrain.transformer import Transformer
 
 
@@ -35,7 +36,7 @@ class TokenModel(ObservationModel):
 
     def embed(self, visual: Float[Tensor, "B N V"], task: Float[Tensor, "B P"]) -> Float[Tensor, "B E"]:
         """Pool the tokens of a frame and the task token."""
-        return self.encoder(visual, task)
+        return map_parts(self.encoder, visual, task)
 
     def losses(
         self, target: Float[Tensor, "B N V"], embed: Float[Tensor, "B E"], feat: Float[Tensor, "B F"]
@@ -44,12 +45,16 @@ class TokenModel(ObservationModel):
 
         From the embedding only where that counts: it takes as long as all else in the world model.
         """
-        from_state = self.decoder(self.decoder.from_state(feat))
-        losses = {"token": (from_state - target).square().sum(-1).mean()}
+        losses = {"token": self._error(self.decoder.from_state(feat), target)}
         if self._tells_embedding:
-            from_embed = self.decoder(self.decoder.from_embed(embed))
-            losses["pool"] = (from_embed - target).square().sum(-1).mean()
+            losses["pool"] = self._error(self.decoder.from_embed(embed), target)
         return losses
+
+    def _error(self, vector: Float[Tensor, "B D"], target: Float[Tensor, "B N V"]) -> Float[Tensor, ""]:
+        def error(vector: Tensor, target: Tensor) -> Tensor:
+            return (self.decoder(vector) - target).square().sum(-1).mean(-1)
+
+        return mean_loss(self.decoder, error, vector, target)
 
 
 class PoolingEncoder(nn.Module):

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from agent.config import SACConfig
+from pretrain.parts import map_parts
 
 LOG_STD = (-10.0, 2.0)
 """Limits of the policy's log standard deviation."""
@@ -66,7 +67,7 @@ class PixelEncoder(nn.Module):
 
     def convolve(self, pixels: Float[Tensor, "B S 3 h w"]) -> Float[Tensor, "B N"]:
         """What actor and critic share."""
-        return self.convs(pixels.flatten(1, 2))
+        return map_parts(self.convs, pixels.flatten(1, 2))
 
     def forward(self, pixels: Float[Tensor, "B S 3 h w"]) -> Float[Tensor, "B D"]:
         """The critic's feature."""

@@ -12,7 +12,7 @@ import torch
 import yaml
 
 from langwm_data.config_io import ConfigError, config_to_dict
-from pretrain import LanguageGroundedMAE, pretrain_mae
+from pretrain import LanguageGroundedMAE, parts, pretrain_mae
 from pretrain.checkpoint import latest_checkpoint
 from pretrain.config import OptimConfig, TextConfig
 from pretrain.metrics import read_metrics
@@ -102,6 +102,17 @@ def test_parts_add_up_to_the_whole(mae_config, text, make_batch, parts):
     for name in ("mae/depth_loss", "mae/reward_loss", "mae/grad_norm", "mae/mask_fraction"):
         assert split[name] == pytest.approx(whole[name], rel=1e-5)
     torch.testing.assert_close(weights, same, rtol=1e-4, atol=1e-6)
+
+
+def test_parts_of_different_sizes_add_up_to_the_whole(mae_config, text, make_batch, monkeypatch):
+    batch, found = make_batch(mae_config, batch_size=7), []
+    for rows in (50, 2):
+        monkeypatch.setattr(parts, "ROWS_AT_ONCE", rows)
+        torch.manual_seed(0)
+        model = LanguageGroundedMAE(mae_config, TextConfig(), text.null_text)
+        metrics = mae_update(model, Optimizer(model, OptimConfig(warmup_steps=0)), batch, seed=0, step=0)
+        found.append({name: value for name, value in metrics.items() if "hidden" not in name})
+    assert found[1] == pytest.approx(found[0], rel=1e-5)
 
 
 def test_the_mean_of_weights_follows_and_resumes(config, data_folder, tmp_path):

@@ -8,6 +8,7 @@ from torch.distributions import Normal
 from agent.config import LossScales, MLPConfig, PixelConfig, RSSMConfig, TaskConfig, WorldModelConfig
 from agent.models.pixels import PixelModel, as_pixels, as_rgb
 from agent.models.world_model import ModelBatch, WorldModel, world_model_loss
+from pretrain import parts
 
 CONFIG = WorldModelConfig(
     pixels=PixelConfig(channels=4),
@@ -149,3 +150,15 @@ def test_what_was_augmented_is_told_unchanged():
     assert plain["wm/kl_loss"] != other["wm/kl_loss"]
     assert plain["wm/image_loss"] == pytest.approx(other["wm/image_loss"], rel=0.1)
     assert plain["wm/image_loss"] == pytest.approx(blind, rel=0.5)
+
+
+def test_frames_in_parts_teach_the_same(monkeypatch):
+    found = []
+    for rows in (50, 3):
+        monkeypatch.setattr(parts, "ROWS_AT_ONCE", rows)
+        torch.manual_seed(0)
+        model = WorldModel(CONFIG, make_observation(), action_dim=2)
+        loss, _, _ = world_model_loss(model, make_batch(), torch.Generator().manual_seed(0))
+        loss.backward()
+        found.append([loss.detach(), *(p.grad for p in model.parameters())])
+    torch.testing.assert_close(found[1], found[0], rtol=1e-4, atol=1e-5)

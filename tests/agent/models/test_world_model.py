@@ -6,6 +6,7 @@ import torch
 from agent.config import LossScales, MLPConfig, PoolingConfig, RSSMConfig, TaskConfig, WorldModelConfig
 from agent.models.encoder import TokenModel
 from agent.models.world_model import ModelBatch, WorldModel, world_model_loss
+from pretrain import parts
 
 CONFIG = WorldModelConfig(
     pooling=PoolingConfig(dim=16, num_heads=2, num_layers=1, mlp_ratio=2, dropout=0.0),
@@ -125,3 +126,14 @@ def test_the_task_token_can_skip_the_pooling():
     assert torch.equal(embed[:, 16:], skipping.observation.encoder.task_in(task / skipping.task_scale))
     loss, _, _ = world_model_loss(skipping, batch, torch.Generator().manual_seed(0))
     assert loss.isfinite()
+
+
+def test_frames_in_parts_teach_the_same(monkeypatch):
+    found = []
+    for rows in (50, 4):
+        monkeypatch.setattr(parts, "ROWS_AT_ONCE", rows)
+        model = make_model()
+        loss, _, _ = world_model_loss(model, make_batch(), torch.Generator().manual_seed(0))
+        loss.backward()
+        found.append([loss.detach(), *(p.grad for p in model.parameters())])
+    torch.testing.assert_close(found[1], found[0], rtol=1e-4, atol=1e-5)

@@ -8,6 +8,7 @@ import torch
 from agent.config import AgentConfig
 from agent.systems import langwm
 from langwm_data.config_io import ConfigError
+from pretrain import parts
 from pretrain.config import MAEConfig
 
 
@@ -31,7 +32,7 @@ def test_frames_are_encoded_a_few_at_a_time(tiny_config, spaces, monkeypatch):
     perception = langwm.create(tiny_config, spaces).perception
     rgb = torch.randint(0, 256, (7, 16, 16, 3), dtype=torch.uint8)
     together = perception.encode({"rgb": rgb})
-    monkeypatch.setattr(langwm, "FRAMES_AT_ONCE", 3)
+    monkeypatch.setattr(parts, "ROWS_AT_ONCE", 3)
     torch.testing.assert_close(perception.encode({"rgb": rgb}), together)
     torch.testing.assert_close(perception.mae.encode(rgb), together)
 
