@@ -64,7 +64,7 @@ def write_maps(player: Player, episodes: EpisodeSet, rows: Sequence[Row]) -> lis
 
 def walk_of(row: Row) -> Walk:
     """The way of an episode."""
-    positions = np.array(row["trajectory"])[:, :2]
+    positions = np.array(row["trajectory"].as_py())[:, :2]
     return Walk(positions=positions, goal=(row["goal"][0], row["goal"][1]), is_success=row["success"])
 
 

@@ -16,8 +16,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from jaxtyping import Float64
 
 from agent.envs.episodes import Episode
 from agent.envs.outcomes import EpisodeRecord, Outcome
@@ -28,7 +30,10 @@ JOURNAL_FOLDER = ".rows"
 LOCK_FILE = ".lock"
 
 Row = dict[str, Any]
+"""An episode's entry for each column; ``trajectory`` is as Arrow holds it, in a seventh of the memory of the
+lists that its ``as_py()`` gives; everything else is plain Python."""
 
+_TRAJECTORY = pa.list_(pa.list_(pa.float64()))
 _NUMBERS = ("spl", "soft_spl", "distance_to_goal", "path_length", "geodesic_distance")
 _SCHEMA = pa.schema(
     [pa.field(name, pa.string()) for name in ("system", "split", "scene")]
@@ -38,7 +43,7 @@ _SCHEMA = pa.schema(
     + [pa.field(name, pa.int64()) for name in ("collisions", "length")]
     + [pa.field(name, pa.float64()) for name in ("collision_rate", "return")]
     + [pa.field("is_terminated", pa.bool_())]
-    + [pa.field("trajectory", pa.list_(pa.list_(pa.float64()))), pa.field("goal", pa.list_(pa.float64()))]
+    + [pa.field("trajectory", _TRAJECTORY), pa.field("goal", pa.list_(pa.float64()))]
     + [pa.field(name, pa.string()) for name in ("task", "player")]
 )
 
@@ -52,7 +57,7 @@ def make_row(record: Outcome, **names: str | int) -> Row:
     """
     assert isinstance(record, EpisodeRecord), "fixed episodes are of PointGoal navigation"
     row: Row = asdict(record) | names
-    row |= {"trajectory": record.trajectory.tolist(), "goal": record.goal.tolist()}
+    row |= {"trajectory": _compact(record.trajectory), "goal": record.goal.tolist()}
     row["length"] = row.pop("num_steps")
     row["return"] = row.pop("total_reward")
     row["collision_rate"] = row["collisions"] / row["length"]
@@ -86,7 +91,7 @@ def read_rows(out: Path, columns: Sequence[str] | None = None) -> list[Row]:
 
     Args:
         out: Folder of the evaluation.
-        columns: Those that are wanted, as far as the file has them; all when None. Trajectories are large.
+        columns: Those that are wanted, as far as the file has them; all when None.
 
     Raises:
         ValueError: If it cannot be read.
@@ -96,9 +101,14 @@ def read_rows(out: Path, columns: Sequence[str] | None = None) -> list[Row]:
         return []
     try:
         known = pq.read_schema(path).names
-        return pq.read_table(path, columns=[name for name in columns or known if name in known]).to_pylist()
+        table = pq.read_table(path, columns=[name for name in columns or known if name in known])
     except pa.ArrowException as error:
         raise ValueError(f"{path} cannot be read: {error}; remove it to score again") from error
+    held = {
+        name: list(column.cast(_TRAJECTORY)) if name == "trajectory" else column.to_pylist()
+        for name, column in zip(table.column_names, table.columns, strict=True)
+    }
+    return [dict(zip(held, values, strict=True)) for values in zip(*held.values(), strict=True)]
 
 
 class Journal:
@@ -118,7 +128,7 @@ class Journal:
             self._folder.mkdir(parents=True, exist_ok=True)
             self._path = self._folder / f"{secrets.token_hex(8)}.jsonl"
         with self._path.open("ab") as file:
-            file.write(json.dumps(row).encode() + b"\n")
+            file.write(json.dumps(row | {"trajectory": row["trajectory"].as_py()}).encode() + b"\n")
             file.flush()
             os.fsync(file.fileno())
 
@@ -139,7 +149,13 @@ def _whole_rows(path: Path) -> Iterable[Row]:
         with contextlib.suppress(ValueError):
             row = json.loads(line) if line.endswith(b"\n") else None
             if isinstance(row, dict) and set(row) == set(_SCHEMA.names):
-                yield row
+                yield row | {"trajectory": _compact(np.array(row["trajectory"]))}
+
+
+def _compact(trajectory: Float64[np.ndarray, "T D"]) -> pa.ListScalar:
+    length, dim = trajectory.shape
+    poses = pa.ListArray.from_arrays(np.arange(length + 1, dtype=np.int32) * dim, trajectory.ravel())
+    return pa.ListArray.from_arrays([0, length], poses)[0]
 
 
 @contextlib.contextmanager

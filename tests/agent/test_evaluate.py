@@ -106,7 +106,7 @@ def test_files_hold_a_row_per_episode_and_the_scores(rows, tmp_path):
 def test_trajectories_begin_at_the_start_and_have_a_pose_per_step(rows):
     for row in rows:
         assert len(row["trajectory"]) == row["length"] + 1
-        assert row["trajectory"][0][:2] == [0, 0]
+        assert row["trajectory"].as_py()[0][:2] == [0, 0]
 
 
 def test_table_names_every_system(rows):
