@@ -32,7 +32,7 @@ def make_env(
 
 
 def check_gives(env: gymnasium.Env, system: str, *, labels: bool, depth: bool) -> None:
-    """Refuse an environment that lacks what ``system`` learns from.
+    """Refuse an environment that lacks what ``system`` needs or ``env.with_labels`` asks for.
 
     Raises:
         ConfigError: Naming what is missing.
@@ -45,6 +45,6 @@ def check_gives(env: gymnasium.Env, system: str, *, labels: bool, depth: bool) -
         missing.append("objects in its info")
     if missing:
         raise ConfigError(
-            f"system {system!r} learns from {' and '.join(missing)}, which this environment does not give;"
-            " use --features frozen with --mae RUN, or dreamerv2, curl or rad"
+            f"system {system!r} is to be given {' and '.join(missing)}, which this environment does not give;"
+            " leave env.with_labels out, and use --features frozen with --mae RUN, or dreamerv2, curl or rad"
         )

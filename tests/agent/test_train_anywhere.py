@@ -113,7 +113,7 @@ def test_the_random_beginning_differs_between_episodes_that_look_alike(config, t
 def test_a_system_that_needs_labels_is_refused_before_anything_is_written(config, tmp_path, system, needs):
     overrides = dataclasses.asdict(config)
     del overrides["env"]["with_labels"]  # as the system's own configuration has it
-    with pytest.raises(ConfigError, match=f"{system!r} learns from {needs}, which"):
+    with pytest.raises(ConfigError, match=f"{system!r} is to be given {needs}, which"):
         train_agent(load_agent_config(system, overrides=overrides), tmp_path / "run")
     assert not (tmp_path / "run").exists()
 

@@ -198,7 +198,7 @@ def test_words_about_an_env_need_an_env():
 def test_systems_that_need_depth_or_labels_refuse_an_env_without():
     env = make_env(config_of("Tests/Lift-v0"))
     with pytest.raises(
-        ConfigError, match=r"'langwm' learns from depth in its observation and objects in its info"
+        ConfigError, match=r"'langwm' is to be given depth in its observation and objects in its info"
     ):
         check_gives(env, "langwm", labels=True, depth=True)
     check_gives(env, "dreamerv2", labels=False, depth=False)
