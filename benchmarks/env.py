@@ -12,7 +12,7 @@ import argparse
 import math
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from statistics import median
 
 import numpy as np
@@ -21,7 +21,9 @@ from agent.config import EnvConfig
 from agent.envs.pointnav import PointNavEnv
 from agent.envs.sites import load_scene
 from agent.systems.controls import make_turn_to_goal
+from langwm_data.config import RobotConfig, ScenesConfig
 from langwm_data.scenes.navigation import FreeSpace
+from langwm_data.scenes.spec import SceneSpec
 from langwm_data.sim.world import World
 
 FLOORS = ("Alder_0", "Birch_1", "Elm_1", "Cedar_1")
@@ -100,37 +102,56 @@ def bench_parts(steps: int) -> None:
         env.close()
 
 
-def bench_contacts(episodes: int) -> None:
-    config = EnvConfig()
-    for floor in FLOORS:
-        scene = load_scene(floor, config)
-        free = FreeSpace.from_scene(scene, robot=config.robot)
-        worlds = [World(scene, config.robot, contacts=way) for way in ("physics", "map")]
-        rng, cpu, rows = np.random.default_rng(0), [0.0, 0.0], []
-        for episode in range(episodes):
-            xy, goal = (_place(rng, free, worlds) for _ in range(2))
-            for world in worlds:
-                world.reset(xy, 0.0)
-            state = worlds[0].step(0.0, 0.0)
-            for _ in range(STEPS_KEPT):
-                speeds = _random(rng) if episode % 2 else _towards(goal, state)
-                states = []
-                for number, world in enumerate(worlds):
-                    before = time.process_time()
-                    states.append(world.step(*speeds))
-                    cpu[number] += time.process_time() - before
-                state, other = states
-                rows.append((state.is_collision, other.is_collision, math.dist(state.xy, other.xy)))
-        flags, others, apart = (np.array(column) for column in zip(*rows, strict=True))
-        print(
-            f"{floor:<9}{len(rows)} steps, {100 * flags.mean():.1f} % in contact; flags agree in"
-            f" {100 * (flags == others).mean():.2f} %; poses apart: median {1e3 * np.median(apart):.4f} mm,"
-            f" 95th {1e3 * np.quantile(apart, 0.95):.2f}, 99th {1e3 * np.quantile(apart, 0.99):.1f}, largest"
-            f" {1e3 * apart.max():.0f}; CPU ms a step"
-            f" {1e3 * cpu[0] / len(rows):.3f} and {1e3 * cpu[1] / len(rows):.3f}"
-        )
+@dataclass(frozen=True)
+class Drives:
+    """What two worlds of one scene, by PyBullet and by the map, made of the same actions; a row a step."""
+
+    flags: np.ndarray
+    """Whether something was touched, (steps, 2) bool."""
+    apart_m: np.ndarray
+    """Between the two robots, (steps,)."""
+    cpu_s: np.ndarray
+    """Of both, together, (2,)."""
+
+
+def drive_both(scene: SceneSpec, robot: RobotConfig, episodes: int) -> Drives:
+    """Drive from random places, by turns at random and to a goal."""
+    free = FreeSpace.from_scene(scene, robot=robot)
+    worlds = [World(scene, robot, contacts=way) for way in ("physics", "map")]
+    rng, cpu, flags, apart = np.random.default_rng(0), np.zeros(2), [], []
+    for episode in range(episodes):
+        xy, goal = (_place(rng, free, worlds) for _ in range(2))
         for world in worlds:
-            world.close()
+            world.reset(xy, 0.0)
+        state = worlds[0].step(0.0, 0.0)
+        for _ in range(STEPS_KEPT):
+            speeds = _random(rng) if episode % 2 else _towards(goal, state)
+            states = []
+            for number, world in enumerate(worlds):
+                before = time.process_time()
+                states.append(world.step(*speeds))
+                cpu[number] += time.process_time() - before
+            state, other = states
+            flags.append((state.is_collision, other.is_collision))
+            apart.append(math.dist(state.xy, other.xy))
+    for world in worlds:
+        world.close()
+    return Drives(np.array(flags), np.array(apart), cpu)
+
+
+def bench_contacts(episodes: int, furniture: str | None) -> None:
+    config = EnvConfig(scenes=ScenesConfig(furniture=furniture))
+    for floor in FLOORS:
+        drives = drive_both(load_scene(floor, config), config.robot, episodes)
+        flags, apart_mm, steps = drives.flags, 1e3 * drives.apart_m, len(drives.flags)
+        cpu_ms = 1e3 * drives.cpu_s / steps
+        print(
+            f"{floor:<9}{steps} steps, {100 * flags[:, 0].mean():.1f} % in contact; flags agree in"
+            f" {100 * (flags[:, 0] == flags[:, 1]).mean():.2f} %; poses apart: median"
+            f" {np.median(apart_mm):.4f} mm, 95th {np.quantile(apart_mm, 0.95):.2f},"
+            f" 99th {np.quantile(apart_mm, 0.99):.1f}, largest {apart_mm.max():.0f};"
+            f" CPU ms a step {cpu_ms[0]:.3f} and {cpu_ms[1]:.3f}"
+        )
 
 
 def _place(rng: np.random.Generator, free: FreeSpace, worlds: list[World]) -> tuple[float, float]:
@@ -159,11 +180,12 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--steps", type=int, default=600)
     parser.add_argument("--episodes", type=int, default=40)
+    parser.add_argument("--furniture", help="folder of catalogues, for contacts in furnished homes")
     asked = parser.parse_args()
     benches = {
         "steps": lambda: bench_steps(asked.rounds, asked.steps),
         "parts": lambda: bench_parts(asked.steps),
-        "contacts": lambda: bench_contacts(asked.episodes),
+        "contacts": lambda: bench_contacts(asked.episodes, asked.furniture),
     }
     for name in asked.what:
         benches[name]()

@@ -5,11 +5,16 @@ import io
 import json
 import tarfile
 
+import numpy as np
 import pytest
 import yaml
 
+from agent.config import EnvConfig
+from agent.envs.pointnav import PointNavEnv
+from agent.rollout import run_episode
+from agent.systems.controls import make_control
 from langwm_data import render_dataset
-from langwm_data.config import DatasetConfig
+from langwm_data.config import DatasetConfig, RobotConfig, ScenesConfig
 from langwm_data.config_io import build_config
 from langwm_data.scenes.checks import overlapping_pairs
 from langwm_data.scenes.homes import Homes, make_home
@@ -50,6 +55,25 @@ def test_furnished_homes_are_sound_and_show_models_of_their_split(homes, name):
     for obj in catalogue_objects(scene):
         assert (homes.assets.folders[0] / f"{obj.mesh.name}.npz").is_file()
     assert SceneSpec.from_json(scene.to_json()) == scene
+
+
+@pytest.mark.parametrize("name", ["Birch_1", "Maple_0"])
+def test_the_map_touches_what_physics_touches(homes, name):
+    from benchmarks.env import drive_both
+
+    drives = drive_both(settle(homes.make(name)), RobotConfig(), episodes=4)
+    assert 0.02 < drives.flags[:, 0].mean() < 0.8
+    assert (drives.flags[:, 0] == drives.flags[:, 1]).mean() > 0.99
+    assert np.quantile(drives.apart_m, 0.95) < 0.01
+
+
+@pytest.mark.parametrize("contacts", ["physics", "map"])
+def test_the_oracle_finds_its_way_among_catalogue_furniture(furnish, contacts):
+    scenes = ScenesConfig(furniture=str(furnish()))
+    env = PointNavEnv(EnvConfig(scenes=scenes, contacts=contacts, is_blind=True), "test")
+    records = [run_episode(env, make_control("oracle", env), seed=k) for k in range(4)]
+    env.close()
+    assert all(record.success and record.spl > 0.9 for record in records)
 
 
 def test_the_same_catalogues_give_the_same_homes(furnish):

@@ -11,6 +11,10 @@ import yaml
 
 import agent  # noqa: F401  # registers the environment
 from agent.config import EnvConfig
+from agent.envs.pointnav import PointNavEnv
+from agent.envs.sites import load_scene
+from agent.rollout import run_episode
+from agent.systems.controls import make_control
 from langwm_data import ShardDataset, render_dataset
 from langwm_data.baking import open_scenes
 from langwm_data.config import CameraConfig, DatasetConfig, RenderConfig, ScenesConfig
@@ -148,6 +152,28 @@ def test_the_environment_drives_in_it_with_held_out_textures(env_config, shared_
         held_out = HELD_OUT_TEXTURE_IDS.get(material.category)
         assert held_out is None or material.id in held_out
     env.close()
+
+
+@pytest.mark.parametrize("name", ["Beechwood_0", "Rs_0"])
+def test_the_map_touches_what_physics_touches(env_config, shared_dataset, name):
+    from benchmarks.env import drive_both
+
+    config = dataclasses.replace(env_config, scenes=ScenesConfig(igibson=str(shared_dataset)))
+    drives = drive_both(load_scene(name, config), config.robot, episodes=4)
+    assert 0.02 < drives.flags[:, 0].mean() < 0.8
+    assert (drives.flags[:, 0] == drives.flags[:, 1]).mean() > 0.99
+    assert np.quantile(drives.apart_m, 0.95) < 0.01
+
+
+@pytest.mark.parametrize("contacts", ["physics", "map"])
+def test_the_oracle_finds_its_way_in_it(env_config, shared_dataset, contacts):
+    config = dataclasses.replace(
+        env_config, scenes=ScenesConfig(igibson=str(shared_dataset)), contacts=contacts, is_blind=True
+    )
+    env = PointNavEnv(config, "test")
+    records = [run_episode(env, make_control("oracle", env), seed=k) for k in range(4)]
+    env.close()
+    assert all(record.success and record.spl > 0.9 for record in records)
 
 
 def test_the_environment_needs_no_more_than_a_rendered_dataset(env_config, folder):
