@@ -322,6 +322,9 @@ def benchmark_command(
     against: Annotated[
         str, typer.Option("--against", help="System that others are compared with.")
     ] = "langwm",
+    episodes: Annotated[
+        int | None, typer.Option("--episodes", min=1, help="On each test floor; may grow another time.")
+    ] = None,
     plan: Annotated[bool, typer.Option("--plan", help="Say what it will take, and do nothing.")] = False,
     tables: Annotated[bool, typer.Option("--tables", help="Only write the tables anew.")] = False,
     preset: Preset = [],  # noqa: B006
@@ -339,6 +342,8 @@ def benchmark_command(
         typer.echo(f"report at {write_reports(out, against)}")
         return
     flags: dict[str, Any] = {} if steps is None else {"steps": steps}
+    if episodes is not None:
+        flags["eval_episodes"] = episodes
     if data is not None:
         flags["env"] = {"scenes": {"baked": str(data)}}
     request = Request(systems=systems, seeds=seeds, mae=mae, against=against)

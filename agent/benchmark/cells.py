@@ -19,7 +19,7 @@ import torch
 from safetensors import safe_open
 
 from agent.benchmark.grid import Cell, GridConfig, base_config, cell_config
-from agent.benchmark.record import Stopwatch, describe_machine
+from agent.benchmark.record import Record, Stopwatch, describe_machine
 from agent.config import AgentConfig, EnvConfig
 from agent.envs.episode_file import make_episode_set
 from agent.evaluate import EVAL_FOLDER, evaluate_run
@@ -111,6 +111,12 @@ def episodes_on(config: AgentConfig, split: Split) -> int:
         return config.eval_episodes
     floors = _num_floors(config)
     return max(1, config.eval_episodes * floors["test"] // (2 * floors["train"]))
+
+
+def is_done(grid: GridConfig, cell: Cell, record: Record) -> bool:
+    """Whether a cell is trained and scored on all episodes that are asked for now."""
+    config = base_config(grid)
+    return record.state == "done" and all(record.scored.get(s, 0) >= episodes_on(config, s) for s in SPLITS)
 
 
 def one_sentence(error: BaseException) -> str:

@@ -22,9 +22,12 @@ from langwm_data.config_io import (
     parse_assignment,
     read_mapping,
 )
+from langwm_data.numbers import PositiveInt
 
 MAE_OF = "langwm"
 """The system that an autoencoder without a name is for; others want ones trained their own way."""
+EPISODES = "eval_episodes"
+"""The one setting that may grow."""
 MOST_SEEDS = 1000
 OF_CELLS = {"system": "--systems", "seed": "--seeds", "mae": "--mae"}
 """Settings in which cells differ, and the flags that give them."""
@@ -32,7 +35,7 @@ OF_CELLS = {"system": "--systems", "seed": "--seeds", "mae": "--mae"}
 
 @config
 class GridConfig:
-    """A grid: its cells may be added to, what each of them is trained and scored on may not change."""
+    """A grid: cells and episodes may be added, what each cell is trained on may not change."""
 
     systems: tuple[str, ...]
     seeds: tuple[int, ...]
@@ -40,6 +43,8 @@ class GridConfig:
     """Of every agent, later ones win; what makes a system what it is comes after them."""
     overrides: dict[str, Any] = field(default_factory=dict)
     """Flags and assignments put together, in the names of ``AgentConfig``; they win over everything."""
+    episodes: PositiveInt | None = None
+    """On each test floor; as the presets say when None. There may be more another time, not fewer."""
     mae: dict[str, str] = field(default_factory=dict)
     """Runs of pretrain-mae by the system that reads them."""
     against: str = MAE_OF
@@ -103,6 +108,7 @@ def make_grid(
     overrides = dict(flags or {})
     for text in assignments:
         overrides = merge(overrides, parse_assignment(text))
+    episodes = overrides.pop(EPISODES, None)
     for name, flag in OF_CELLS.items():
         if name in overrides:
             raise ConfigError(f"--set {name}={overrides[name]} is not for a grid; give {flag}")
@@ -111,6 +117,7 @@ def make_grid(
         seeds=parse_seeds(request.seeds),
         presets=tuple(presets),
         overrides=overrides,
+        episodes=episodes,
         mae=parse_maes(request.mae),
         against=check_against(request.against),
     )
@@ -208,7 +215,7 @@ def cell_config(grid: GridConfig, cell: Cell) -> AgentConfig:
         ConfigError: If a setting is not allowed.
     """
     own: dict[str, Any] = {"seed": cell.seed, "mae": grid.mae.get(cell.system)}
-    return load_agent_config(cell.system, presets=grid.presets, overrides=merge(grid.overrides, own))
+    return load_agent_config(cell.system, presets=grid.presets, overrides=merge(_shared(grid), own))
 
 
 def base_config(grid: GridConfig) -> AgentConfig:
@@ -217,7 +224,11 @@ def base_config(grid: GridConfig) -> AgentConfig:
     Raises:
         ConfigError: If a preset or a setting is not allowed.
     """
-    return load_config(AgentConfig, "agent", presets=grid.presets, overrides=grid.overrides)
+    return load_config(AgentConfig, "agent", presets=grid.presets, overrides=_shared(grid))
+
+
+def _shared(grid: GridConfig) -> dict[str, Any]:
+    return grid.overrides if grid.episodes is None else {**grid.overrides, EPISODES: grid.episodes}
 
 
 def is_grid(out: Path) -> bool:

@@ -6,7 +6,7 @@ Owns the estimate. Nothing is run for it: how fast a learner learns here is only
 from collections.abc import Sequence
 from pathlib import Path
 
-from agent.benchmark.cells import SPLITS, episodes_on, units_of
+from agent.benchmark.cells import SPLITS, episodes_on, is_done, units_of
 from agent.benchmark.grid import Cell, GridConfig, base_config, cell_config, cells_of
 from agent.benchmark.record import Record, read_record
 from agent.benchmark.run import check_grid
@@ -27,8 +27,8 @@ def plan_benchmark(grid: GridConfig, out: Path, *, workers: int = 1) -> str:
     check_grid(grid, out, fresh=False)
     cells = cells_of(grid)
     records = {cell: read_record(out, cell) for cell in cells}
-    todo = [cell for cell in cells if records[cell].state != "done"]
-    learners = [cell for cell in todo if not cell.is_control]
+    todo = [cell for cell in cells if not is_done(grid, cell, records[cell])]
+    learners = [cell for cell in todo if not cell.is_control and records[cell].state != "done"]
     base = base_config(grid)
     lines = [
         f"cells   {len(cells)}: {len(cells) - len(todo)} are done, {len(learners)} are to be trained",
@@ -56,15 +56,19 @@ def _replay_bytes(config: AgentConfig) -> int:
 
 def _time(grid: GridConfig, todo: Sequence[Cell], records: dict[Cell, Record], workers: int) -> str:
     """From the seconds that done cells took for each of their units; a system's own where there are any."""
+    wanted, seconds = base_config(grid).eval_episodes, 0.0
     rates: dict[str, float] = {}
     for cell, record in records.items():
-        if record.state == "done":
+        if is_done(grid, cell, record):
             rates[cell.system] = sum(record.seconds.values()) / units_of(grid, cell)
+        elif record.state == "done":  # only more episodes are to be played
+            seconds += record.seconds["score"] * (wanted / record.scored["test"] - 1)
+    todo = [cell for cell in todo if records[cell].state != "done"]
     learned = [rate for system, rate in rates.items() if not Cell(system, 0).is_control]
     if not learned and any(not cell.is_control for cell in todo):
         return "not known before a first cell is done: give one with --systems and --seeds, then ask again"
     typical = sum(learned) / len(learned) if learned else 0.0
-    seconds = sum(units_of(grid, cell) * rates.get(cell.system, typical) for cell in todo)
+    seconds += sum(units_of(grid, cell) * rates.get(cell.system, typical) for cell in todo)
     others = len({cell.system for cell in todo} - set(rates))
     guess = f"; {others} systems without a done cell are taken as the mean of the others" if others else ""
     return f"{seconds / workers / 3600:.1f} h with {workers} cells at a time{guess}"

@@ -12,10 +12,11 @@ from pathlib import Path
 
 import torch
 
-from agent.benchmark.cells import CellWorker, units_of
-from agent.benchmark.grid import Cell, GridConfig, base_config, cell_config, cells_of, is_grid
+from agent.benchmark.cells import CellWorker, is_done, units_of
+from agent.benchmark.grid import EPISODES, Cell, GridConfig, base_config, cell_config, cells_of, is_grid
 from agent.benchmark.record import Record, read_record, write_record
 from agent.benchmark.report import write_reports
+from agent.config import AgentConfig
 from agent.systems.registry import find_system
 from agent.systems.system import Spaces
 from langwm_data.config_io import (
@@ -69,9 +70,9 @@ def run_benchmark(
     check_grid(grid, out, fresh=fresh)
     if engine == "local":  # the machines of a cluster may have what this one lacks
         check_learners(grid)
-    claim_output(out, grid, fresh=fresh, may_differ=("systems", "seeds", "mae", "against"))
+    claim_output(out, grid, fresh=fresh, may_differ=("systems", "seeds", "episodes", "mae", "against"))
     cells = cells_of(grid)
-    todo = [cell for cell in cells if read_record(out, cell).state != "done"]
+    todo = [cell for cell in cells if not is_done(grid, cell, read_record(out, cell))]
     if todo:
         most = None if workers is None else min(workers, len(todo))
         _do(grid, out, cells, todo, _pool(grid, out, engine, most), progress)
@@ -96,18 +97,30 @@ def check_grid(grid: GridConfig, out: Path, *, fresh: bool) -> None:
         raise ConfigError(f"--out {str(out)!r} holds something else than a grid; give a new folder")
     if unwanted := [system for system in grid.mae if system not in grid.systems]:
         raise ConfigError(f"--mae names a run for {unwanted[0]}, which is not among the systems")
+    wanted = base_config(grid).eval_episodes
     for cell in cells_of(grid):
-        if cell.is_control:
-            continue
-        config = cell_config(grid, cell)
-        held = cell.folder(out) / CONFIG_FILE
-        if not fresh and held.is_file():
-            fields = differing_fields(read_mapping(held), config_to_dict(config))
-            if fields:
-                raise ConfigError(
-                    f"{cell.name} of --out {str(out)!r} was begun with another configuration:"
-                    f" {'; '.join(fields)}; use another folder, or --fresh to start over"
-                )
+        config = None if cell.is_control else cell_config(grid, cell)
+        if not fresh:
+            _check_begun(cell, config, wanted, out)
+
+
+def _check_begun(cell: Cell, config: AgentConfig | None, wanted: int, out: Path) -> None:
+    """Refuse a cell that was begun as another one, or scored on more episodes than are wanted."""
+    scored = read_record(out, cell).scored.get("test", 0)
+    if scored > wanted:
+        raise ConfigError(
+            f"{cell.name} of --out {str(out)!r} is scored on {scored} episodes a test floor already;"
+            f" --episodes {wanted} must be as many or more"
+        )
+    held = cell.folder(out) / CONFIG_FILE
+    if config is None or not held.is_file():
+        return
+    old, new = read_mapping(held), config_to_dict(config)
+    if fields := differing_fields(old | {EPISODES: wanted}, new):
+        raise ConfigError(
+            f"{cell.name} of --out {str(out)!r} was begun with another configuration:"
+            f" {'; '.join(fields)}; use another folder, or --fresh to start over"
+        )
 
 
 def check_learners(grid: GridConfig) -> None:

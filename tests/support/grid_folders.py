@@ -81,7 +81,7 @@ def write_cell(out, grid, cell, rate=0.5, *, record=None, rows=None, steps=None)
 
 def begin_grid(out, systems=None, seeds="0-1", **request):
     """A folder that was claimed, with no cell in it."""
-    assignments = ["steps=4000", "env.distance_edges_m=[1,3,6]", "features=finetuned"]
+    assignments = ["steps=4000", "eval_episodes=20", "env.distance_edges_m=[1,3,6]", "features=finetuned"]
     grid = make_grid(Request(systems=systems, seeds=seeds, **request), assignments=assignments)
     atomic.write_text(out / "config.yaml", config_to_yaml(grid))
     assert base_config(grid).steps == 4000
