@@ -1,6 +1,7 @@
 """A grid of the debug preset on three floors, from nothing to its page; what happens where cells fail."""
 
 import json
+import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from agent.benchmark.grid import Cell, Request, base_config, cells_of, make_grid
 from agent.benchmark.plan import plan_benchmark
 from agent.benchmark.record import Record, Stopwatch, describe_machine, read_record, write_record
 from agent.benchmark.run import check_grid, run_benchmark
+from agent.scoring.rows import read_rows
 from langwm_data.config_io import ConfigError
 from langwm_data.scenes import homes
 from langwm_data.scenes.splits import BUILDINGS
@@ -96,6 +98,33 @@ def test_cells_can_be_added_and_the_others_stay(done, monkeypatch):
     assert "5 of 5 cells are done" in (out / "report.html").read_text()
     for cell in begun:
         (out / cell.system / f"seed-{cell.seed}.json").unlink()
+
+
+def test_episodes_can_be_added_and_those_played_stay(done, tmp_path):
+    out = tmp_path / "out"
+    shutil.copytree(done[0], out)
+
+    def rows(system):
+        return {
+            (row["split"], row["scene"], row["episode"]): row
+            for row in read_rows(out / system / "seed-0/eval")
+        }
+
+    before, trained = rows("langwm"), (out / "langwm/seed-0/model/model.safetensors").stat().st_mtime_ns
+    more = debug_grid(assignments=["eval_episodes=2"])
+    assert "3 are done" not in plan_benchmark(more, out)
+    assert "time    0.0 h" in plan_benchmark(more, out)
+    assert run_benchmark(more, out) == []
+    assert read_record(out, Cell("langwm", 0)).scored == {"test": 2, "train": 1}
+    after = rows("langwm")
+    assert after.keys() - before.keys() == {("test", "Rowan_0", 1)}
+    assert {key: after[key] for key in before} == before
+    assert len(rows("oracle")) == 4
+    assert (out / "langwm/seed-0/model/model.safetensors").stat().st_mtime_ns == trained
+    fewer = r"langwm/seed-0 of --out .* is scored on 2 episodes a test floor already; --episodes 1 must be as"
+    with pytest.raises(ConfigError, match=fewer):
+        run_benchmark(debug_grid("langwm"), out)
+    assert read_record(out, Cell("langwm", 0)).scored == {"test": 2, "train": 1}
 
 
 def test_another_grid_in_the_same_folder_is_refused(done):
