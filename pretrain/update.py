@@ -21,6 +21,7 @@ from pretrain.mae import LanguageGroundedMAE
 from pretrain.object_masking import HiddenObjects, hide_objects
 from pretrain.optim import Optimizer
 from pretrain.parts import count_parts
+from pretrain.precision import autocast
 from pretrain.team import ALONE, Team
 
 
@@ -113,7 +114,7 @@ def mae_update(
         for start, end in pairwise(k * num_rows // num_parts for k in range(num_parts + 1)):
             rows = slice(start, end)
             part = batch.rows(rows)
-            with torch.autocast(device.type, torch.bfloat16, enabled=optimizer.config.precision == "bf16"):
+            with autocast(device, optimizer.config.precision):
                 output = mae(part, noise[rows])
             loss, metrics = mae_loss(output, part, mae.config, counts)
             loss.backward()

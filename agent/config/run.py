@@ -10,7 +10,7 @@ from agent.config.env import EnvConfig
 from agent.config.systems import GroundingDinoConfig, KeyEncoderConfig, OracleBoxesConfig, SACConfig
 from langwm_data.config_io import ConfigError, config
 from langwm_data.numbers import Count, PositiveInt
-from pretrain.config import AugmentConfig, MAEConfig, ObjectMaskConfig, OptimConfig, TextConfig
+from pretrain.config import AugmentConfig, MAEConfig, ObjectMaskConfig, OptimConfig, Precision, TextConfig
 
 
 @config
@@ -81,8 +81,9 @@ class AgentConfig:
     token_cache_mib: PositiveInt = 1024
     """Memory for the tokens of frames seen before, where features are frozen."""
     device: str = "cpu"
-    precision: Literal["fp32", "bf16"] = "fp32"
-    """``bf16``: autocast; weights and optimizers stay in fp32."""
+    precision: Precision = "fp32"
+    """``bf16``: autocast; weights and optimizers stay in fp32. ``auto``: bf16 where the device has
+    instructions for it."""
     env: EnvConfig = field(default_factory=EnvConfig)
     replay: ReplayConfig = field(default_factory=ReplayConfig)
     finetune: FinetuneConfig = field(default_factory=FinetuneConfig)

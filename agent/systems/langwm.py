@@ -25,6 +25,7 @@ from pretrain.batch import TextTokens
 from pretrain.language import FrozenText
 from pretrain.mae import LanguageGroundedMAE
 from pretrain.parts import map_parts
+from pretrain.precision import autocast
 from pretrain.update import torch_seed
 
 
@@ -100,7 +101,7 @@ class LanGWMLearner(Learner):
             return None
         rng = make_rng(config.seed, "second view", index)
         view = second_view(rng, batch.rgb, config.finetune.augment).to(self._perception.mae.device)
-        with torch.autocast(view.device.type, torch.bfloat16, enabled=config.precision == "bf16"):
+        with autocast(view.device, config.precision):
             return key.describe(view.flatten(0, 1)).unflatten(0, view.shape[:2])
 
     def state_dict(self) -> dict[str, Any]:

@@ -24,6 +24,7 @@ from agent.systems.system import Learner
 from langwm_data.seeding import make_rng
 from pretrain.config import OptimConfig
 from pretrain.optim import Optimizer
+from pretrain.precision import autocast
 from pretrain.update import torch_seed
 
 
@@ -131,8 +132,7 @@ class DreamerLearner(Learner):
         return {f"{prefix}grad_norm": taken["grad_norm"]}
 
     def _autocast(self) -> torch.autocast:
-        is_bf16 = self._config.precision == "bf16"
-        return torch.autocast(self._device_type, torch.bfloat16, enabled=is_bf16)
+        return autocast(self._device_type, self._config.precision)
 
 
 def _adam(config: AgentConfig, learning_rate: float) -> OptimConfig:

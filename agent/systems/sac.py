@@ -32,6 +32,7 @@ from agent.replay import Replay, TransitionBatch
 from agent.systems.system import Learner, Model, Spaces, State, make_system, task_scale
 from langwm_data.config_io import ConfigError
 from langwm_data.seeding import make_rng
+from pretrain.precision import autocast
 from pretrain.update import torch_seed
 
 
@@ -224,8 +225,7 @@ class SACLearner(Learner):
         return {f"sac/{name}_loss": loss.item(), f"sac/{name}_grad_norm": norm.item()}
 
     def _autocast(self) -> torch.autocast:
-        is_bf16 = self._config.precision == "bf16"
-        return torch.autocast(self._model.device.type, torch.bfloat16, enabled=is_bf16)
+        return autocast(self._model.device, self._config.precision)
 
 
 def _make_learner(model: Model, config: AgentConfig) -> SACLearner:
