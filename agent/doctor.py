@@ -33,6 +33,7 @@ def diagnose() -> list[Finding]:
     findings.append(_try("renderer", _renderer))
     findings.append(_try("text weights (minilm)", _text_weights))
     findings.append(_try("accelerator", _accelerator, is_optional=True))
+    findings.append(_try("bf16", _bf16, is_optional=True))
     free = shutil.disk_usage(Path.cwd()).free
     findings.append(Finding(name="cores", is_ok=True, detail=str(os.cpu_count())))
     findings.append(
@@ -87,3 +88,14 @@ def _accelerator() -> str:
     if device is None:
         raise RuntimeError("none; everything runs on the CPU")
     return str(device)
+
+
+def _bf16() -> str:
+    import torch
+
+    from pretrain.precision import has_bf16
+
+    device = torch.accelerator.current_accelerator(check_available=True) or torch.device("cpu")
+    if not has_bf16(device):
+        raise RuntimeError(f"no instructions for it on this {device.type}; precision=auto computes in fp32")
+    return f"on this {device.type}; precision=auto computes in it"

@@ -4,7 +4,7 @@ Every run is one of ``train-agent`` in a folder of its own, which goes on where 
 on the same fixed episodes; success, SPL and contacts do not depend on the weights. Writes ``rewards.md``,
 ``rewards.json`` and ``curve.png`` into ``--out``.
 
-    python -m benchmarks.rewards --out runs/rewards --seeds 0 1 --workers 2
+    python -m benchmarks.rewards --out runs/rewards --seeds 0 1 --workers 2 --set env.scenes.baked=runs/data
 """
 
 import argparse

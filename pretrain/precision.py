@@ -1,7 +1,7 @@
 """In which numbers networks compute: fp32, or bf16 where the device has instructions for it.
 
 On a CPU without them, as most laptops are, PyTorch computes bf16 products number by number, some sixty times
-slower than fp32.
+slower than fp32. What is begun with ``auto`` on one machine goes on elsewhere, with other roundings.
 """
 
 import functools

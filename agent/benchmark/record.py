@@ -15,6 +15,7 @@ import torch
 from agent.benchmark.grid import Cell
 from langwm_data import atomic
 from langwm_data.config_io import ConfigError
+from pretrain.precision import has_bf16
 
 State = Literal["unfinished", "done", "failed"]
 SAVE_EVERY_S = 10.0
@@ -119,6 +120,7 @@ def describe_machine(device: str) -> dict[str, Any]:
         "memory_gib": round(memory / 2**30, 1),
         "python": platform.python_version(),
         "torch": torch.__version__,
+        "bf16": has_bf16(device),
     }
     if device.startswith("cuda"):
         found["gpu"] = torch.cuda.get_device_name(device)

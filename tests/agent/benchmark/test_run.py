@@ -22,6 +22,7 @@ from agent.scoring.rows import read_rows
 from langwm_data.config_io import ConfigError
 from langwm_data.scenes import homes
 from langwm_data.scenes.splits import BUILDINGS
+from pretrain.precision import has_bf16
 
 FRAMES = [
     "env.camera.height=64",
@@ -311,6 +312,7 @@ def test_time_adds_up_over_interruptions(tmp_path, monkeypatch):
 
 def test_what_a_cell_ran_on_is_described():
     machine = describe_machine("cpu")
+    assert machine["bf16"] == has_bf16("cpu")
     assert machine["processor"]
     assert machine["python"] == ".".join(map(str, sys.version_info[:3]))
     assert "gpu" not in machine
