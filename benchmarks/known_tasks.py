@@ -19,6 +19,8 @@ STEP = 0.2
 REACHED = 0.2
 RADIUS = 0.2
 """Of the two discs that ``Reach`` draws."""
+WALL_M = 5.0
+"""How far away is what lies behind them."""
 PUSH = 0.04
 """What an action of 1 adds to the speed of ``Line``, half widths of the frame per step."""
 
@@ -31,15 +33,20 @@ class Reach(gymnasium.Env[Any, np.ndarray]):
     Args:
         tells: Whether the way to the goal stands in ``offset`` too; else it has to be seen.
         labels: Whether ``info`` has the boxes of goal (a chair, as it were) and point (a table).
+        depth: Whether ``depth`` is seen too: goal and point stand before a wall, each as far away as its
+            height in the frame says.
     """
 
-    def __init__(self, *, tells: bool = True, labels: bool = False) -> None:
+    def __init__(self, *, tells: bool = True, labels: bool = False, depth: bool = False) -> None:
         self._tells = tells
         self._labels = labels
+        self._depth = depth
         self.action_space = spaces.Box(-STEP, STEP, (2,), np.float32)
         seen: dict[str, spaces.Space[Any]] = {"rgb": spaces.Box(0, 255, (SIZE, SIZE, 3), np.uint8)}
         if tells:
             seen["offset"] = spaces.Box(-2.0, 2.0, (2,), np.float32)
+        if depth:
+            seen["depth"] = spaces.Box(0.0, WALL_M, (SIZE, SIZE), np.float32)
         self.observation_space = spaces.Dict(seen)
         axis = (np.arange(SIZE) + 0.5) / SIZE * 2 - 1
         self._grid = np.stack(np.meshgrid(axis, -axis), axis=-1)
@@ -72,6 +79,9 @@ class Reach(gymnasium.Env[Any, np.ndarray]):
         ink = [np.linalg.norm(self._grid - point, axis=-1) < RADIUS for point in (self._goal, self._place)]
         channels = np.stack([ink[0], np.zeros_like(ink[0]), ink[1]], axis=-1)
         seen = {"rgb": (255 * channels).astype(np.uint8)}
+        if self._depth:
+            near = [_distance_m(point) for point in (self._goal, self._place)]
+            seen["depth"] = np.select(ink, near, WALL_M).astype(np.float32)
         return seen | ({"offset": (self._goal - self._place).astype(np.float32)} if self._tells else {})
 
 
@@ -79,7 +89,12 @@ def _box(category: str, point: np.ndarray) -> FrameObject:
     x, y = (np.array([1, -1]) * point + 1) / 2 * SIZE
     half = RADIUS / 2 * SIZE
     box = (float(x - half), float(y - half), float(x + half), float(y + half))
-    return FrameObject(category=category, bbox_xyxy=box, center_x=float(x), distance_m=1.0)
+    return FrameObject(category=category, bbox_xyxy=box, center_x=float(x), distance_m=_distance_m(point))
+
+
+def _distance_m(point: np.ndarray) -> float:
+    """Low in the frame is near, as on a floor: 1 to 3 m."""
+    return 2.0 + float(point[1])
 
 
 class Line(gymnasium.Env[Obs, np.ndarray]):

@@ -40,6 +40,10 @@ TASKS: dict[str, dict[str, Any]] = {
     "reach": {"id": "KnownTasks/Reach-v0"},
     "reach-pixels": {"id": "KnownTasks/Reach-v0", "kwargs": {"tells": False}},
     "reach-boxes": {"id": "KnownTasks/Reach-v0", "kwargs": {"tells": False, "labels": True}},
+    "reach-grounded": {
+        "id": "KnownTasks/Reach-v0",
+        "kwargs": {"tells": False, "labels": True, "depth": True},
+    },
     "line": {"id": "KnownTasks/Line-v0"},
     "line-blind": {"id": "KnownTasks/Line-v0", "kwargs": {"is_blind": True}},
     "pendulum": {"id": "KnownTasks/Pendulum-v0"},
@@ -103,7 +107,7 @@ def make_config(asked: argparse.Namespace, system: str) -> AgentConfig:
     """The configuration of one learner."""
     env = TASKS[asked.task] | {"camera": {"height": SIZE, "width": SIZE}}
     overrides = merge(SIZES, SCHEDULE | {"steps": asked.steps, "seed": asked.seed, "env": env})
-    if system.startswith("langwm"):
+    if system.startswith("langwm") and (asked.mae or not env.get("kwargs", {}).get("depth")):
         mae = asked.mae or asked.out / "untrained-mae"
         if asked.mae is None and not mae.exists():
             write_untrained_mae(mae)

@@ -56,6 +56,25 @@ def test_boxes_of_goal_and_point_are_those_of_the_frame():
         np.testing.assert_allclose(thing.bbox_xyxy, drawn, atol=1)
 
 
+def test_depth_is_how_far_the_boxes_are_said_to_be_away_and_the_wall_behind_them():
+    kwargs = {"tells": False, "labels": True, "depth": True}
+    env = make_env(EnvConfig(id="KnownTasks/Reach-v0", kwargs=kwargs, camera=CAMERA))
+    obs, info = env.reset(seed=3)
+    red, blue = obs["rgb"][..., 0] > 0, obs["rgb"][..., 2] > 0
+    goal, point = (thing.distance_m for thing in info["objects"])
+    assert goal != point
+    np.testing.assert_allclose(obs["depth"][red], goal, rtol=1e-6)
+    np.testing.assert_allclose(obs["depth"][blue & ~red], point, rtol=1e-6)
+    assert (obs["depth"][~red & ~blue] == 5).all()
+
+
+def test_lower_in_the_frame_is_nearer():
+    env = make_env(EnvConfig(id="KnownTasks/Reach-v0", kwargs={"labels": True, "depth": True}, camera=CAMERA))
+    for seed in range(5):
+        lower, upper = sorted(env.reset(seed=seed)[1]["objects"], key=lambda o: -o.bbox_xyxy[3])
+        assert lower.distance_m < upper.distance_m
+
+
 def brake(obs, state):
     """Push towards the middle, minding the speed; both are taken from the frames."""
     columns = np.flatnonzero(obs["rgb"][16, :, 0])
@@ -107,3 +126,7 @@ def test_the_pendulum_can_be_black():
 @pytest.mark.parametrize("task", ["Reach-v0", "Line-v0", "Pendulum-v0"])
 def test_known_tasks_are_environments(task):
     check_env(gymnasium.make(f"KnownTasks/{task}").unwrapped, skip_render_check=True)
+
+
+def test_reach_with_depth_is_an_environment():
+    check_env(gymnasium.make("KnownTasks/Reach-v0", depth=True).unwrapped, skip_render_check=True)
