@@ -117,7 +117,7 @@ class Collector:
     def _begin(self) -> None:
         obs, info = self._env.reset(seed=self._seed + self.num_episodes)
         self._recorder = Recorder(info)
-        self._observations = [obs]
+        self._observations = [_kept(obs)]
         shape = self._env.action_space.shape
         assert shape is not None, "the action space is a Box"
         self._actions = [np.zeros(shape, np.float32)]
@@ -127,7 +127,7 @@ class Collector:
     def _take(self, action: np.ndarray) -> tuple[bool, bool, dict[str, Any]]:
         obs, reward, terminated, truncated, info = self._env.step(action)
         self._recorder.add(float(reward), info)
-        self._observations.append(obs)
+        self._observations.append(_kept(obs))
         self._actions.append(action)
         self._rewards.append(float(reward))
         self._objects.append(info.get("objects", ()))
@@ -150,3 +150,8 @@ class Collector:
         if "features" not in self._observations[0]:
             return {}
         return {"features": np.stack([o["features"] for o in self._observations]).astype(np.float16)}
+
+
+def _kept(obs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """A copy: an environment may draw every frame into the same array."""
+    return {name: np.array(value) for name, value in obs.items()}

@@ -36,6 +36,8 @@ from pretrain.update import torch_seed
 log = logging.getLogger(__name__)
 
 REPLAY_FOLDER = "replay"
+PRETRAINING_CHECKPOINT_EVERY = 500
+"""Updates; an autoencoder's first thousands may take hours in which no step is taken."""
 Progress = Callable[[int, int], None]
 
 
@@ -86,11 +88,12 @@ def train_agent(
         with MetricsLogger(out, run.step) as logger, stop_requests() as stop:
             while run.step < config.steps and not stop.is_set():
                 run.advance(logger)
-                if run.step % config.checkpoint_every == 0 and not run.is_pretraining:
+                if run.is_checkpoint_due:
                     run.save()
                 if progress is not None:
                     progress(run.step, config.steps)
-            run.save()
+            if not run.is_saved:
+                run.save()
     finally:
         env.close()
     if stop.is_set():
@@ -123,6 +126,10 @@ class _Run:
         self._out = out
         self.step = 0
         self._num_updates = 0
+        self._has_collected = True
+        """Whether the last thing done was a step and not an update before the ordinary ones."""
+        self._since_saved = 0
+        """Steps and updates before the ordinary ones that no checkpoint has."""
         self._means = _Means()
         self._agent = agent
         self._learner = system.make_learner(agent.model, config)
@@ -145,9 +152,23 @@ class _Run:
         is_due = self.step >= self._config.prefill_steps and self._replay.num_episodes > 0
         return is_due and not self._learner.is_pretrained
 
+    @property
+    def is_saved(self) -> bool:
+        """Whether the last checkpoint has everything."""
+        return self._since_saved == 0
+
+    @property
+    def is_checkpoint_due(self) -> bool:
+        """After so many steps; where something is pretrained, before, after so many updates, and after."""
+        if self.is_pretraining:
+            return self._has_collected or self._since_saved >= PRETRAINING_CHECKPOINT_EVERY
+        return not self._has_collected or self.step % self._config.checkpoint_every == 0
+
     def advance(self, logger: MetricsLogger) -> None:
         """Do the next thing: an update before the ordinary ones, or a step and, where due, an update."""
         config = self._config
+        self._since_saved += 1
+        self._has_collected = not self.is_pretraining
         if self.is_pretraining:
             self._means.add(self._learner.pretrain(self._replay))
             if not self.is_pretraining:
@@ -182,6 +203,7 @@ class _Run:
         }
         self._agent.save_pretrained(self._out / MODEL_FOLDER)
         save_checkpoint(self._out, self.step, state, keep=1)
+        self._since_saved = 0
         self._replay.delete_evicted()
 
     def _load(self) -> dict[str, Any]:

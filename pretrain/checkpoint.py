@@ -31,15 +31,16 @@ def save_checkpoint(run: Path, step: int, state: Mapping[str, Any], *, keep: int
         keep: Complete checkpoints that stay.
 
     Raises:
-        OSError: If it cannot be written, for instance because the disk is full; older ones stay.
+        OSError: If it cannot be written, for instance because the disk is full; older ones stay, also one
+            of the same step.
     """
     folder = run / CHECKPOINTS / f"step-{step:09d}"
-    if folder.exists():
-        (folder / _DONE).unlink(missing_ok=True)
-        shutil.rmtree(folder)
     with atomic.atomic_path(folder / _STATE) as temporary:
         _save({"schema_version": SCHEMA_VERSION, "step": step, "state": dict(state)}, temporary)
-    atomic.write_text(folder / _DONE, sha256_of(folder / _STATE))
+        checksum = sha256_of(temporary)
+        if (folder / _DONE).exists():  # while one of the same step is being replaced, either counts
+            atomic.write_text(folder / _DONE, f"{sha256_of(folder / _STATE)} {checksum}")
+    atomic.write_text(folder / _DONE, checksum)
     for old in _complete(run)[:-keep]:
         (old / _DONE).unlink()
         shutil.rmtree(old)
@@ -61,7 +62,7 @@ def load_checkpoint(folder: Path, device: str | torch.device = "cpu") -> tuple[i
     path = folder / _STATE
     try:
         said = (folder / _DONE).read_text("utf-8")  # empty where it was written before there were checksums
-        if said and said != sha256_of(path):
+        if said and sha256_of(path) not in said.split():
             raise OSError("it was changed after it was written")
         held = torch.load(path, map_location=device, weights_only=True)
     except (OSError, RuntimeError, EOFError, pickle.UnpicklingError) as error:

@@ -121,7 +121,11 @@ class Transformer(nn.Module):
     def forward(
         self, x: Float[Tensor, "B N D"], attend: Bool[Tensor, "B N"] | None = None
     ) -> Float[Tensor, "B N D"]:
-        """Update the tokens layer by layer."""
+        """Update the tokens layer by layer, in fp32 also under autocast.
+
+        What is added up over all rows for the norms' weights is too small to count in bf16.
+        """
+        x = x.float() if x.dtype == torch.bfloat16 else x
         for block in self.blocks:
             x = block(x, attend)
         return self.norm(x)

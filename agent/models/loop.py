@@ -35,6 +35,8 @@ def looping(*layers: LoopLinear) -> Iterator[None]:
         yield
     finally:
         for layer in layers:
+            assert layer._loop is not None
+            layer._loop.end()
             layer._loop = None
 
 
@@ -57,6 +59,10 @@ class _Loop:
 
     def __call__(self, x: Tensor) -> Tensor:
         return _Step.apply(x.to(self.dtype), self._link, self)  # pyright: ignore[reportReturnType]
+
+    def end(self) -> None:
+        """Let go of the graph, which holds this loop: weights are freed with it and not by the collector."""
+        del self._link
 
 
 class _Collect(torch.autograd.Function):

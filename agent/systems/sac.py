@@ -80,7 +80,7 @@ class SAC(Model):
         """Choose the next action; see ``Model.act``. Without exploring it is the squashed mean."""
         frame = torch.from_numpy(np.ascontiguousarray(obs["rgb"]))
         before = frame.expand_as(state["frames"]) if state["step"] == 0 else state["frames"]
-        frames = torch.cat([before[1:], frame[None]])
+        frames = torch.cat([before[1:].cpu(), frame[None]])  # a checkpoint is read to the model's device
         task = torch.from_numpy(np.asarray(obs["task"], np.float32))[None].to(self.device)
         with torch.no_grad():
             view = central_view(frames[None].to(self.device), self.config)

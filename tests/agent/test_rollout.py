@@ -149,3 +149,21 @@ def test_collecting_goes_on_exactly_after_a_restart(stop):
         for name in ("rgb", "depth_mm", "task", "action", "reward"):
             np.testing.assert_array_equal(getattr(a.replay, name), getattr(b.replay, name))
         assert a.record.total_reward == b.record.total_reward
+
+
+class OneBufferEnv(LineEnv):
+    """Draws every frame into the same arrays, as some simulators do."""
+
+    def observe(self):
+        seen = super().observe()
+        held = self.__dict__.setdefault("held", seen)
+        for name, value in seen.items():
+            held[name][...] = value
+        return held
+
+
+def test_an_environment_that_draws_into_one_buffer_is_remembered_step_by_step():
+    plain, shared = (collect(Collector(e, seed=3), ahead, 1)[0].replay for e in (LineEnv(), OneBufferEnv()))
+    assert len(np.unique(plain.rgb[:, 0, 0, 0])) == len(plain.rgb)
+    for name in ("rgb", "depth_mm", "task"):
+        np.testing.assert_array_equal(getattr(shared, name), getattr(plain, name))

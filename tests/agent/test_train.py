@@ -8,10 +8,11 @@ import pytest
 
 from agent.replay.files import write_episode
 from agent.systems.agent import Agent
+from agent.systems.finetune import Finetuner
 from agent.train import train_agent
 from langwm_data.config import CameraConfig
 from langwm_data.config_io import ConfigError
-from pretrain.checkpoint import latest_checkpoint
+from pretrain.checkpoint import latest_checkpoint, save_checkpoint
 from pretrain.metrics import read_metrics
 
 
@@ -77,6 +78,41 @@ def test_an_interrupt_saves_first(number, whole_run, tiny_config, make_room, tmp
     with pytest.raises(KeyboardInterrupt):
         train_agent(tiny_config, out, env=make_room(max_steps=9), progress=interrupt)
     assert latest_checkpoint(out).name == "step-000000033"
+    train_agent(tiny_config, out, env=make_room(max_steps=9))
+    assert losses(out) == losses(whole_run)
+
+
+def test_every_state_is_saved_once_also_before_and_after_the_autoencoder_is_pretrained(
+    tiny_config, make_room, tmp_path, monkeypatch
+):
+    saved = []
+
+    def note(run, step, state, **options):
+        saved.append((step, state["learner"]["finetuner"]["num_updates"]))
+        return save_checkpoint(run, step, state, **options)
+
+    monkeypatch.setattr("agent.train.save_checkpoint", note)
+    train_agent(tiny_config, tmp_path / "run", env=make_room(max_steps=9))
+    assert len(set(saved)) == len(saved)
+    assert [step for step, _ in saved] == [20, 25, 25, 40, 60]
+    assert [updates for _, updates in saved[:3]] == [0, 0, tiny_config.finetune.pretrain_updates]
+
+
+def test_a_run_killed_while_its_autoencoder_is_pretrained_goes_on_from_the_end_of_the_prefill(
+    whole_run, tiny_config, make_room, tmp_path, monkeypatch
+):
+    out, learn = tmp_path / "killed", Finetuner.update
+
+    def kill(self, frames):
+        if self.num_updates == 2:
+            raise Killed
+        return learn(self, frames)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Finetuner, "update", kill)
+        with pytest.raises(Killed):
+            train_agent(tiny_config, out, env=make_room(max_steps=9))
+    assert latest_checkpoint(out).name == "step-000000025"
     train_agent(tiny_config, out, env=make_room(max_steps=9))
     assert losses(out) == losses(whole_run)
 

@@ -1,6 +1,8 @@
 """Only whole checkpoints count; metrics of steps that are taken again are taken back."""
 
+import errno
 import json
+from pathlib import Path
 
 import pytest
 import torch
@@ -14,6 +16,10 @@ from pretrain.metrics import MetricsLogger, read_metrics
 
 def state(value):
     return {"weights": {"w": torch.full((2,), float(value))}, "rng": {"state": 2**100, "name": "PCG64"}}
+
+
+def same(first, second):
+    return torch.equal(first["weights"]["w"], second["weights"]["w"])
 
 
 def test_round_trip(tmp_path):
@@ -134,3 +140,35 @@ def test_a_flipped_bit_is_refused_where_the_checksum_is_known(tmp_path):
         load_checkpoint(folder)
     (folder / "done").write_text("")  # as it was written before there were checksums
     assert load_checkpoint(folder)[0] == 1
+
+
+def test_a_step_that_is_saved_again_is_never_without_a_checkpoint(tmp_path, monkeypatch):
+    folder = save_checkpoint(tmp_path, 2, state(2), keep=1)
+
+    def full(value, path):
+        path.write_bytes(b"half")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("pretrain.checkpoint._save", full)
+        with pytest.raises(OSError, match="No space left"):
+            save_checkpoint(tmp_path, 2, state(3), keep=1)
+    assert latest_checkpoint(tmp_path) == folder
+    assert same(load_checkpoint(folder)[1], state(2))
+
+    rename = Path.replace
+
+    def killed(source, target):
+        if target.name == "state.pt":
+            raise KeyboardInterrupt
+        return rename(source, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", killed)
+        with pytest.raises(KeyboardInterrupt):
+            save_checkpoint(tmp_path, 2, state(3), keep=1)
+    assert len((folder / "done").read_text().split()) == 2
+    assert same(load_checkpoint(folder)[1], state(2))
+    save_checkpoint(tmp_path, 2, state(3), keep=1)
+    assert same(load_checkpoint(folder)[1], state(3))
+    assert (folder / "done").read_text() == sha256_of(folder / "state.pt")

@@ -138,3 +138,20 @@ def test_positions_are_sines_and_cosines_of_row_and_column():
             angle = torch.tensor(cell * frequency, dtype=torch.float64)
             assert position[start + k].item() == pytest.approx(angle.sin().item(), abs=1e-6)
             assert position[start + 4 + k].item() == pytest.approx(angle.cos().item(), abs=1e-6)
+
+
+def test_under_autocast_the_norms_learn_what_they_learn_in_fp32():
+    torch.manual_seed(0)
+    net = Transformer(16, 1, 2, mlp_ratio=2, dropout=0.0, eps=1e-6)
+    x, wanted = torch.randn(400, 22, 16), torch.rand(16)
+    found = {}
+    for dtype in (torch.float32, torch.bfloat16):
+        net.zero_grad()
+        with torch.autocast("cpu", torch.bfloat16, enabled=dtype == torch.bfloat16):
+            out = net(x.to(dtype))
+        (out * wanted).sum().backward()
+        found[dtype] = {name: p.grad.clone() for name, p in net.named_parameters() if "norm" in name}
+    assert len(found[torch.bfloat16]) == 6
+    for name, exact in found[torch.float32].items():
+        error = (found[torch.bfloat16][name] - exact).norm() / exact.norm()
+        assert error < 0.02, name

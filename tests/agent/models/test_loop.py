@@ -1,4 +1,6 @@
 import copy
+import gc
+import weakref
 
 import pytest
 import torch
@@ -85,3 +87,19 @@ def test_no_gradient_is_asked_for_where_there_is_none():
         unroll(frozen, x, 3).sum().backward()
     assert frozen.weight.grad is None
     assert x.grad is not None
+
+
+def test_weights_of_a_loop_go_with_its_graph_and_need_no_collector():
+    layer = LoopLinear(4, 4)
+    gc.disable()
+    try:
+        with looping(layer):
+            loop = weakref.ref(layer._loop)
+            out = unroll(layer, torch.randn(2, 4), 3)
+        assert loop() is not None
+        out.sum().backward()
+        del out
+        assert loop() is None
+    finally:
+        gc.enable()
+    assert layer.weight.grad is not None
