@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import torch
 from einops import rearrange
 from jaxtyping import Bool, Float, Int, UInt8
@@ -25,7 +26,7 @@ from pretrain.model_file import (
     load_model_file,
     save_model_file,
 )
-from pretrain.supplied import check_frames, check_masks, check_text
+from pretrain.supplied import as_tensor, check_frames, check_masks, check_text
 from pretrain.transformer import Transformer, grid_positions, sincos_2d
 
 IMAGENET_MEAN = (0.485, 0.456, 0.406)
@@ -237,13 +238,15 @@ class LanguageGroundedMAE(nn.Module):
     @torch.no_grad()
     def fill_in(
         self,
-        rgb: UInt8[Tensor, "B H W 3"],
+        rgb: UInt8[Tensor | np.ndarray, "B H W 3"],
         *,
         text: TextTokens | None = None,
-        is_hidden: Bool[Tensor, "B H W"] | None = None,
-        is_dropped: Bool[Tensor, "B N"] | None = None,
+        is_hidden: Bool[Tensor | np.ndarray, "B H W"] | None = None,
+        is_dropped: Bool[Tensor | np.ndarray, "B N"] | None = None,
     ) -> MAEOutput:
         """Predict the target of frames that somebody masked; dropout is off.
+
+        NumPy arrays go to the device of the weights.
 
         Args:
             rgb: Frames.
@@ -255,6 +258,9 @@ class LanguageGroundedMAE(nn.Module):
             ValueError: If the frames are not of the type or size this model was trained on, or a mask or the
                 captions are of another shape, or another number of tokens is dropped in some frame, or all.
         """
+        rgb = as_tensor(rgb, self.device)
+        is_hidden = None if is_hidden is None else as_tensor(is_hidden, self.device)
+        is_dropped = None if is_dropped is None else as_tensor(is_dropped, self.device)
         check_frames(rgb, self.config)
         check_masks(len(rgb), self.config, is_hidden, is_dropped)
         check_text(len(rgb), self.null_embed, text)
@@ -269,15 +275,16 @@ class LanguageGroundedMAE(nn.Module):
             return self._predict(self.patchify(rgb, is_hidden), told, noise, num_kept)
 
     @torch.no_grad()
-    def encode(self, rgb: UInt8[Tensor, "B H W 3"]) -> Float[Tensor, "B cls_and_N D"]:
+    def encode(self, rgb: UInt8[Tensor | np.ndarray, "B H W 3"]) -> Float[Tensor, "B cls_and_N D"]:
         """Features of frames for the world model: CLS first, then one token per cell of the grid.
 
         Nothing is hidden or dropped, the caption is empty, dropout is off: the same frames give the
-        same bytes.
+        same bytes. NumPy arrays go to the device of the weights.
 
         Raises:
             ValueError: If the frames are not of the type or size this model was trained on.
         """
+        rgb = as_tensor(rgb, self.device)
         check_frames(rgb, self.config)
         with evaluating(self):
             return self.features(rgb)

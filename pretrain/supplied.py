@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 
+import numpy as np
 import torch
 from jaxtyping import Bool
 from torch import Tensor
@@ -21,6 +22,14 @@ def boxes_mask(
             left, top = max(math.floor(x1), 0), max(math.floor(y1), 0)
             mask[number, top : max(math.ceil(y2), 0), left : max(math.ceil(x2), 0)] = True
     return mask
+
+
+def as_tensor(value: Tensor | np.ndarray, device: torch.device) -> Tensor:
+    """A tensor as it is, or what an array holds, on ``device``."""
+    if not isinstance(value, np.ndarray):
+        return value
+    # A copy: PyTorch takes no array that runs backwards, and warns of one that cannot be written to.
+    return torch.from_numpy(np.array(value, order="C")).to(device)
 
 
 def check_frames(rgb: Tensor, config: MAEConfig) -> None:

@@ -65,6 +65,18 @@ def test_captions_of_the_caller_are_read(mae, rgb, text):
     assert not torch.equal(mae.fill_in(rgb, text=told).depth, mae.fill_in(rgb).depth)
 
 
+def test_arrays_are_read_as_tensors_are(mae, rgb):
+    frames = rgb.numpy().copy()
+    frames.flags.writeable = False
+    hidden = boxes_mask([[(8.0, 8.0, 24.0, 24.0)]] * 3, 32, 48)
+    dropped = torch.arange(mae.config.num_patches).expand(3, -1) % 2 > 0
+    assert torch.equal(mae.encode(frames), mae.encode(rgb))
+    assert torch.equal(mae.encode(frames[:, ::-1]), mae.encode(rgb.flip(1)))
+    masks = {"is_hidden": hidden, "is_dropped": dropped}
+    arrays = {name: mask.numpy() for name, mask in masks.items()}
+    assert torch.equal(mae.fill_in(frames, **arrays).depth, mae.fill_in(rgb, **masks).depth)
+
+
 @pytest.mark.parametrize("dropped", [[1, 2, 3], [24, 24, 24]])
 def test_uneven_or_total_dropping_is_refused(mae, rgb, dropped):
     is_dropped = torch.arange(mae.config.num_patches) < torch.tensor(dropped)[:, None]
@@ -89,10 +101,12 @@ text = lambda num, width: TextTokens(
 for use, frames, more in (
     (mae.encode, torch.full((1, 32, 48, 3), torch.nan), {}),
     (mae.fill_in, torch.zeros(1, 32, 48, 3, dtype=torch.int64), {}),
-    (mae.encode, np.zeros((1, 32, 48, 3), dtype=np.uint8), {}),
+    (mae.encode, np.zeros((1, 32, 48, 3), dtype=np.float32), {}),
+    (mae.encode, [[0, 0, 0]], {}),
     (mae.encode, rgb[0], {}),
     (mae.fill_in, rgb.permute(0, 3, 1, 2), {}),
     (mae.fill_in, rgb, {"is_hidden": torch.zeros(3, 48, 32, dtype=torch.bool)}),
+    (mae.fill_in, rgb, {"is_hidden": np.zeros((3, 32, 48), dtype=np.uint8)}),
     (mae.fill_in, rgb, {"is_dropped": torch.zeros(3, 24)}),
     (mae.fill_in, rgb, {"text": text(3, 9)}),
     (mae.fill_in, rgb, {"text": text(2, 16)}),
@@ -113,10 +127,12 @@ def test_what_does_not_fit_is_refused_in_a_sentence(mae, tmp_path):
     assert done.stdout.splitlines() == [
         "frames of type torch.float32; this model reads torch.uint8, colours from 0 to 255",
         "frames of type torch.int64; this model reads torch.uint8, colours from 0 to 255",
-        "frames of type ndarray; this model reads torch.uint8, colours from 0 to 255",
+        "frames of type torch.float32; this model reads torch.uint8, colours from 0 to 255",
+        "frames of type list; this model reads torch.uint8, colours from 0 to 255",
         "frames of shape (48, 3); this model reads (32, 48, 3), in a batch",
         "frames of shape (3, 32, 48); this model reads (32, 48, 3), in a batch",
         "is_hidden is torch.bool (3, 48, 32); for these frames and this model, torch.bool (3, 32, 48)",
+        "is_hidden is torch.uint8 (3, 32, 48); for these frames and this model, torch.bool (3, 32, 48)",
         "is_dropped is torch.float32 (3, 24); for these frames and this model, torch.bool (3, 24)",
         "text.embed is torch.float32 (3, 21, 9); for these frames and this model, torch.float32 (3, 21, 16)",
         "text.embed is torch.float32 (2, 21, 16); for these frames and this model, torch.float32 (3, 21, 16)",
