@@ -350,7 +350,7 @@ def benchmark_command(
     grid = make_grid(request, presets=preset, flags=flags, assignments=assignments)
     method = check_engine(engine, workers)
     if plan:
-        typer.echo(plan_benchmark(grid, out, workers=workers or 1))
+        typer.echo(plan_benchmark(grid, out, engine=method, workers=workers or 1))
         return
     with _progress("steps and episodes") as progress:
         failed = run_benchmark(grid, out, engine=method, workers=workers, fresh=fresh, progress=progress)

@@ -1,6 +1,7 @@
 """The Python of the README runs as it stands there, on small stand-ins for its runs."""
 
 import re
+import shlex
 from pathlib import Path
 
 import gymnasium
@@ -9,6 +10,7 @@ import pytest
 import torch
 
 import agent  # noqa: F401  # registers the environment
+import cli
 from agent.systems.agent import Agent
 from agent.systems.registry import find_system, load_agent_config
 from agent.systems.system import Spaces
@@ -70,6 +72,13 @@ def test_what_is_in_a_dataset_runs(runs, monkeypatch):
     exec(block, names)
     assert names["rgb"].dtype == np.uint8
     assert len(list(names["stream"])) == 4
+
+
+def test_the_plan_of_the_table_is_made(runs, monkeypatch, capsys):
+    monkeypatch.chdir(runs)
+    (line,) = re.findall(r"^langwm (benchmark .* --plan)", TEXT, flags=re.MULTILINE)
+    assert cli.run(shlex.split(line)) == 0
+    assert capsys.readouterr().out.startswith("cells   3: 0 are done, 2 are to be trained")
 
 
 def test_the_script_with_processes_makes_none_where_it_is_only_imported():

@@ -1,6 +1,6 @@
 """What a grid will take: cells, steps, disk, and time as far as cells in its folder tell.
 
-Owns the estimate. Nothing is run for it: how fast a learner learns here is only known from one that has.
+Owns the estimate. Nothing is trained for it: how fast a learner learns here is only known from one that has.
 """
 
 from collections.abc import Sequence
@@ -9,22 +9,25 @@ from pathlib import Path
 from agent.benchmark.cells import SPLITS, episodes_on, is_done, units_of
 from agent.benchmark.grid import Cell, GridConfig, base_config, cell_config, cells_of
 from agent.benchmark.record import Record, read_record
-from agent.benchmark.run import check_grid
+from agent.benchmark.run import check_grid, check_learners
 from agent.config import AgentConfig
 from agent.plan import bytes_a_step
 from agent.systems.registry import find_system
 from agent.systems.system import Spaces
 from langwm_data.baking import open_scenes
+from langwm_data.engines import Engine
 from langwm_data.shards.summary import format_size
 
 
-def plan_benchmark(grid: GridConfig, out: Path, *, workers: int = 1) -> str:
+def plan_benchmark(grid: GridConfig, out: Path, *, engine: Engine = "local", workers: int = 1) -> str:
     """A few lines: what there is to do, its size on disk, and how long it takes.
 
     Raises:
         ConfigError: As the grid itself would.
     """
     check_grid(grid, out, fresh=False)
+    if engine == "local":  # as in the run itself
+        check_learners(grid)
     cells = cells_of(grid)
     records = {cell: read_record(out, cell) for cell in cells}
     todo = [cell for cell in cells if not is_done(grid, cell, records[cell])]

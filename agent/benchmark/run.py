@@ -93,6 +93,8 @@ def check_grid(grid: GridConfig, out: Path, *, fresh: bool) -> None:
         ConfigError: If a cell cannot be trained so, or ``out`` holds another grid or cells that were
             trained otherwise.
     """
+    if out.exists() and not out.is_dir():
+        raise ConfigError(f"--out {str(out)!r} is a file; give a folder")
     if (out / CONFIG_FILE).is_file() and not is_grid(out):
         raise ConfigError(f"--out {str(out)!r} holds something else than a grid; give a new folder")
     if unwanted := [system for system in grid.mae if system not in grid.systems]:
@@ -135,6 +137,11 @@ def check_learners(grid: GridConfig) -> None:
         config = cell_config(grid, cell)
         usable_device(config.device)
         system = find_system(cell.system)
+        if system.reads_mae and config.features == "frozen" and config.mae is None:
+            raise ConfigError(
+                f"{cell.system} has features 'frozen', which need a pretrained MAE; give"
+                f" --mae {cell.system}=RUN, or --set features=finetuned"
+            )
         try:
             with contextlib.closing(system.make_env(config)) as env:
                 system.create(config, Spaces.of(env))

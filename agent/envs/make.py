@@ -46,5 +46,5 @@ def check_gives(env: gymnasium.Env, system: str, *, labels: bool, depth: bool) -
     if missing:
         raise ConfigError(
             f"system {system!r} is to be given {' and '.join(missing)}, which this environment does not give;"
-            " leave env.with_labels out, and use --features frozen with --mae RUN, or dreamerv2, curl or rad"
+            " leave env.with_labels out, and use features=frozen with --mae RUN, or dreamerv2, curl or rad"
         )

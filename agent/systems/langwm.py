@@ -124,12 +124,12 @@ def create(config: AgentConfig, spaces: Spaces) -> Dreamer:
     """
     if config.features == "frozen" and config.mae is None:
         raise ConfigError(
-            "features 'frozen' needs a pretrained MAE; give --mae RUN, or --features finetuned to learn"
-            " one from what the agent sees"
+            "features 'frozen' needs a pretrained MAE; give --mae RUN, or --set features=finetuned to"
+            " learn one from what the agent sees"
         )
     if config.features == "frozen" and config.key_encoder.mode != "none":
         raise ConfigError(
-            f"key_encoder.mode {config.key_encoder.mode!r} needs --features finetuned: a frozen MAE never"
+            f"key_encoder.mode {config.key_encoder.mode!r} needs features 'finetuned': a frozen MAE never"
             " moves away from its running mean"
         )
     mae = _make_mae(config)
@@ -204,6 +204,7 @@ SYSTEM = System(
     restore=restore,
     resolve=resolve,
     make_learner=_make_learner,
+    reads_mae=True,
     needs_labels=needs_labels,
     needs_depth=needs_depth,
 )

@@ -41,7 +41,7 @@ def load_mae(name: str, system: str, wanted: FinetuneConfig) -> LanguageGrounded
     if differences:
         raise ConfigError(
             f"--mae {name!r} was not pretrained as system {system!r} says: {'; '.join(differences)};"
-            " give another --mae, or another --system"
+            " give another --mae, or another system"
         )
     return mae
 

@@ -160,6 +160,8 @@ class System:
     wrap_env: WrapEnv = keep_env
     """The environment as the model must see it, in training and whenever it acts. May add ``features``, a
     vector that is computed once a step and kept in the replay. Raises ``ConfigError``."""
+    reads_mae: bool = False
+    """Whether ``mae`` and ``features`` of the config mean anything to it."""
     needs_labels: Callable[[AgentConfig], bool] = lambda config: False
     """Whether the environment must label objects while it learns, and the replay keeps them."""
     needs_depth: Callable[[AgentConfig], bool] = lambda config: False

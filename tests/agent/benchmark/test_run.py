@@ -155,14 +155,36 @@ def test_folders_of_others_are_refused_and_kept(done, tmp_path):
 
 def test_what_cannot_be_trained_is_refused_before_anything_is_written(tmp_path):
     out = tmp_path / "out"
-    with pytest.raises(ConfigError, match=r"langwm cannot be trained so: .*frozen"):
-        run_benchmark(debug_grid(assignments=["features=frozen"]), out)
     grid = replace(debug_grid("random"), mae={"langwm": "runs/mae"})
     with pytest.raises(ConfigError, match="--mae names a run for langwm, which is not among the systems"):
         run_benchmark(grid, out)
     with pytest.raises(ConfigError, match="--workers 0 is not allowed"):
         run_benchmark(debug_grid(), out, workers=0)
     assert not out.exists()
+
+
+def test_a_plan_refuses_what_the_run_refuses_in_the_same_words(done, tmp_path, tiny_mae):
+    tiny_mae.save_pretrained(tmp_path / "mae/model")
+    held = done[0] / "tables.md"
+    frozen = debug_grid("langwm,mwm", assignments=["features=frozen"])
+    for grid, out, message in (
+        (replace(frozen, mae={"langwm": "/nope"}), "out", "'/nope' holds no pretrained"),
+        (
+            replace(frozen, mae={"langwm": str(tmp_path / "mae")}),
+            "out",
+            "but the MAE reads 16 x 16",
+        ),
+        (replace(frozen, systems=("mwm",)), "out", "give --mae mwm=RUN, or --set features=finetuned"),
+        (debug_grid(assignments=["device=tpu"]), "out", "device 'tpu' cannot be used"),
+        (debug_grid(), held, f"--out '{held}' is a file; give a folder"),
+    ):
+        said = []
+        for ask in (plan_benchmark, run_benchmark):
+            with pytest.raises(ConfigError, match=message) as refusal:
+                ask(grid, tmp_path / out)
+            said.append(str(refusal.value))
+        assert said[0] == said[1]
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_failed_cell_is_written_down_and_the_others_go_on(tmp_path, monkeypatch):
@@ -278,10 +300,10 @@ def test_a_plan_counts_what_is_left(done, tmp_path):
     assert lines[2] == "scoring 3 episodes a cell: 1 on each test floor and 1 on each train floor"
     assert lines[3].startswith("disk    1.6 MB")
     assert lines[4].endswith("h with 2 cells at a time")
-    grid = begin_grid(tmp_path, "langwm,random")
+    grid = begin_grid(tmp_path, "dreamerv2,random")
     assert "not known before a first cell is done" in plan_benchmark(grid, tmp_path)
     write_cell(tmp_path, grid, Cell("random", 0))
-    write_cell(tmp_path, grid, Cell("langwm", 0))
+    write_cell(tmp_path, grid, Cell("dreamerv2", 0))
     assert plan_benchmark(grid, tmp_path).splitlines()[4] == "time    0.1 h with 1 cells at a time"
 
 

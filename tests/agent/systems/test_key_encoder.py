@@ -98,5 +98,5 @@ def test_a_second_view_is_another_view_of_each_frame():
 
 @pytest.mark.parametrize("mode", MODES)
 def test_frozen_features_have_no_running_mean(mode, frozen_config, spaces):
-    with pytest.raises(ConfigError, match=f"key_encoder.mode '{mode}' needs --features finetuned"):
+    with pytest.raises(ConfigError, match=f"key_encoder.mode '{mode}' needs features 'finetuned'"):
         langwm.create(with_key(frozen_config, mode), spaces)
