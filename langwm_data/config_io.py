@@ -6,6 +6,7 @@ in each package's ``config.py``.
 
 import dataclasses
 import difflib
+import os
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -131,6 +132,13 @@ def load_config_file(cls: type[T], path: Path) -> T:
     return build_config(cls, read_mapping(path))
 
 
+def _is_same(a: object, b: object) -> bool:
+    """Whether two values are equal, or two names of one file or folder: a relative and an absolute path."""
+    if a != b and isinstance(a, str) and isinstance(b, str) and os.path.exists(a) and os.path.exists(b):
+        return os.path.samefile(a, b)
+    return a == b
+
+
 def differing_fields(old: Mapping[str, Any], new: Mapping[str, Any], prefix: str = "") -> list[str]:
     """Dotted names and values of the fields in which two dumped configs differ."""
     lines = []
@@ -138,7 +146,7 @@ def differing_fields(old: Mapping[str, Any], new: Mapping[str, Any], prefix: str
         a, b = old.get(key), new.get(key)
         if isinstance(a, Mapping) and isinstance(b, Mapping):
             lines += differing_fields(a, b, f"{prefix}{key}.")
-        elif a != b:
+        elif not _is_same(a, b):
             lines.append(f"{prefix}{key} ({a!r} there, {b!r} asked for)")
     return lines
 

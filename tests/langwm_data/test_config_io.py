@@ -10,7 +10,14 @@ import yaml
 
 from langwm_data import config_io
 from langwm_data.config import DatasetConfig
-from langwm_data.config_io import ConfigError, build_config, claim_output, config, load_config
+from langwm_data.config_io import (
+    ConfigError,
+    build_config,
+    claim_output,
+    config,
+    differing_fields,
+    load_config,
+)
 
 
 @config
@@ -81,6 +88,17 @@ def test_config_survives_the_file(tmp_path):
     value = Outer(inner=Inner(rate=1e-6))
     (tmp_path / "c.yaml").write_text(config_io.config_to_yaml(value))
     assert config_io.load_config_file(Outer, tmp_path / "c.yaml") == value
+
+
+def test_two_names_of_one_place_are_the_same(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "data").mkdir()
+    (tmp_path / "other").mkdir()
+    here = {"env": {"baked": str(tmp_path / "data")}}
+    assert differing_fields({"env": {"baked": "data"}}, here) == []
+    for there in ("other", "nowhere", None):
+        (line,) = differing_fields({"env": {"baked": there}}, here)
+        assert line.startswith(f"env.baked ({there!r} there, '/")
 
 
 def test_same_config_may_claim_again_and_another_is_refused_by_field(tmp_path):
