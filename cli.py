@@ -241,13 +241,15 @@ def train_agent_command(
     fresh: Fresh = False,
 ) -> None:
     """Train an agent for PointGoal navigation, or for any environment (--set env.id=NAME)."""
+    from agent.config.places import with_absolute_places
     from agent.systems.registry import load_agent_config
     from agent.train import train_agent
 
     flags: dict[str, Any] = {"mae": None if mae is None else str(mae), "features": features}
     flags |= {"steps": steps, "seed": seed}
     flags["env"] = None if data is None else {"scenes": {"baked": str(data)}}
-    config = load_agent_config(system, presets=preset, overrides=_overrides(flags, assignments))
+    overrides = with_absolute_places(_overrides(flags, assignments))
+    config = load_agent_config(system, presets=preset, overrides=overrides)
     if plan:
         from agent.plan import plan_training
 
@@ -273,11 +275,14 @@ def evaluate_agent_command(
     device: Annotated[
         str, typer.Option("--device", help="Where agents compute, as PyTorch names it.")
     ] = "cpu",
+    data: Annotated[
+        Path | None, typer.Option("--data", help="Where the dataset of train-agent --data lies now.")
+    ] = None,
 ) -> None:
     """Score agents on the same fixed episodes, beside random, straight-ahead, turn-to-goal and an oracle."""
     from agent.evaluate import EVAL_FOLDER, Plan, evaluate_runs
 
-    if len(runs) == 1 and (split, episodes_file, workers, videos) == ("test", None, 1, 0):
+    if len(runs) == 1 and (split, episodes_file, workers, videos, data) == ("test", None, 1, 0, None):
         from agent.scoring.anywhere import evaluate_anywhere, is_elsewhere
 
         if is_elsewhere(runs[0]):
@@ -294,6 +299,7 @@ def evaluate_agent_command(
         workers=workers,
         videos=videos,
         device=device,
+        data=data,
     )
     with _progress("episodes") as progress:
         summary = evaluate_runs(runs, plan, progress=progress)

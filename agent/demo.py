@@ -65,8 +65,8 @@ class DemoStages:
 
 def load_stages(preset: str, seed: int, out: Path) -> DemoStages:
     """Configurations of the three stages at ``preset``, one reading what the other wrote."""
-    scenes = {"baked": str(out / DATA)}
-    agent = {"seed": seed, "mae": str(out / MAE), "features": "frozen", "env": {"scenes": scenes}}
+    scenes = {"baked": str(out.absolute() / DATA)}
+    agent = {"seed": seed, "mae": str(out.absolute() / MAE), "features": "frozen", "env": {"scenes": scenes}}
     return DemoStages(
         dataset=load_config(DatasetConfig, "langwm_data", presets=[preset], overrides={"seed": seed}),
         pretrain=load_config(PretrainConfig, "pretrain", presets=[preset], overrides={"seed": seed}),

@@ -69,6 +69,8 @@ class Plan:
     """Episodes of each agent that are filmed, with a map of every floor."""
     device: str = "cpu"
     """Where agents compute."""
+    data: Path | None = None
+    """Dataset to read baked scenes from in place of the one that the runs name."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot be done."""
@@ -142,9 +144,9 @@ def evaluate_runs(runs: Sequence[Path], plan: Plan, *, progress: Progress | None
         if config.env.id is not None:
             raise ConfigError(
                 f"{run} learned in env {config.env.id!r}, which has no fixed episodes; score it alone,"
-                " without --split, --episodes-file, --workers and --video"
+                " without --split, --episodes-file, --workers, --video and --data"
             )
-    envs = [config.env for config in configs]
+    envs = [_at(config.env, plan.data) for config in configs]
     for run, env in zip(runs, envs, strict=True):
         if world_of(env) != world_of(envs[0]):
             raise ConfigError(
@@ -248,6 +250,11 @@ def _config_of(run: Path) -> AgentConfig:
     """What a run was trained with, and where its baked scenes lie if it still has its own config file."""
     path = run / CONFIG_FILE
     return load_config_file(AgentConfig, path) if path.is_file() else read_config(find_agent(run))[0]
+
+
+def _at(env: EnvConfig, data: Path | None) -> EnvConfig:
+    """``env`` with its baked scenes in another dataset, if one is given."""
+    return env if data is None else replace(env, scenes=replace(env.scenes, baked=str(data)))
 
 
 def _labels(systems: Sequence[str], runs: Sequence[Path]) -> list[str]:

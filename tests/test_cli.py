@@ -108,6 +108,18 @@ def test_a_plan_of_training_does_nothing(capsys, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_run_names_what_it_reads_from_the_root(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "data").mkdir()
+    configs = []
+    monkeypatch.setattr("agent.train.train_agent", lambda config, out, **_: configs.append(config) or out)
+    by_set = ["--set", "env.scenes.baked=data", "--set", "mae=some/hub"]
+    for words in (["--data", "data", "--mae", "data"], by_set):
+        assert cli.run(["train-agent", "--out", "x", *words]) == 0
+    assert {config.env.scenes.baked for config in configs} == {str(tmp_path / "data")}
+    assert [config.mae for config in configs] == [str(tmp_path / "data"), "some/hub"]
+
+
 def test_a_plan_says_what_it_will_take_and_does_nothing(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     small = ["--frames", "3", "--set", "camera.height=24", "--set", "camera.width=30"]

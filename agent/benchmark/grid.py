@@ -11,6 +11,7 @@ from typing import Any
 
 from agent.benchmark.rows import TABLE, row_of
 from agent.config import AgentConfig
+from agent.config.places import absolute, with_absolute_places
 from agent.systems.controls import CONTROL_NAMES
 from agent.systems.registry import SYSTEMS, load_agent_config
 from langwm_data.config_io import (
@@ -108,6 +109,7 @@ def make_grid(
     overrides = dict(flags or {})
     for text in assignments:
         overrides = merge(overrides, parse_assignment(text))
+    overrides = with_absolute_places(overrides)
     episodes = overrides.pop(EPISODES, None)
     for name, flag in OF_CELLS.items():
         if name in overrides:
@@ -118,7 +120,7 @@ def make_grid(
         presets=tuple(presets),
         overrides=overrides,
         episodes=episodes,
-        mae=parse_maes(request.mae),
+        mae={system: absolute(run) for system, run in parse_maes(request.mae).items()},
         against=check_against(request.against),
     )
     base_config(grid)

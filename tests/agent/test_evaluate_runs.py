@@ -21,8 +21,9 @@ from agent.systems import langwm
 from agent.systems.agent import Agent
 from agent.systems.controls import make_straight_ahead
 from agent.systems.system import Spaces
-from langwm_data.config import RenderConfig
-from langwm_data.config_io import ConfigError, config_to_yaml
+from langwm_data.config import DatasetConfig, RenderConfig
+from langwm_data.config_io import ConfigError, config_to_yaml, load_config
+from langwm_data.pipeline import render_dataset
 
 FLOORS = 3
 
@@ -196,6 +197,18 @@ def test_a_file_of_episodes_is_what_is_played(run, config, tmp_path):
     assert read_episode_file(run / "eval" / "episodes-test.json") == read_episode_file(path)
     with pytest.raises(ValueError, match="3 episodes on Maple_0 are wanted; there are 2"):
         evaluate_runs([run], Plan(episodes_file=path, episodes_per_scene=3))
+
+
+def test_a_dataset_that_was_moved_is_found_where_it_is_now(run, config, tmp_path, capsys):
+    data = tmp_path / "moved"
+    frames = {"frames": 2, "camera": {"height": 24, "width": 30}}
+    render_dataset(load_config(DatasetConfig, "langwm_data", presets=["debug"], overrides=frames), data)
+    scenes = dataclasses.replace(config.env.scenes, baked=str(tmp_path / "gone"))
+    save_run(run, config, 0, env=dataclasses.replace(config.env, scenes=scenes))
+    assert cli.run(["evaluate-agent", str(run)]) == 2
+    assert "no dataset at" in capsys.readouterr().err
+    assert cli.run(["evaluate-agent", str(run), "--data", str(data)]) == 0
+    assert {row["system"] for row in read_rows(run / "eval")} > {"langwm", "random"}
 
 
 def test_a_policy_of_the_callers_is_scored(config, tmp_path):

@@ -6,12 +6,13 @@ import signal
 import numpy as np
 import pytest
 
+from agent.config import AgentConfig
 from agent.replay.files import write_episode
 from agent.systems.agent import Agent
 from agent.systems.finetune import Finetuner
 from agent.train import train_agent
 from langwm_data.config import CameraConfig
-from langwm_data.config_io import ConfigError
+from langwm_data.config_io import ConfigError, load_config_file
 from pretrain.checkpoint import latest_checkpoint, save_checkpoint
 from pretrain.metrics import read_metrics
 
@@ -128,6 +129,20 @@ def test_a_finished_run_does_nothing(whole_run, tiny_config, make_room, caplog):
 def test_another_configuration_in_the_same_place_is_refused(whole_run, tiny_config):
     with pytest.raises(ConfigError, match="batch_size"):
         train_agent(dataclasses.replace(tiny_config, batch_size=2), whole_run)
+
+
+def test_a_run_that_names_its_dataset_relatively_goes_on_when_it_is_named_from_the_root(
+    tiny_config, make_room, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "data").mkdir()
+    for steps, baked in ((10, "data"), (20, str(tmp_path / "data"))):
+        scenes = dataclasses.replace(tiny_config.env.scenes, baked=baked)
+        env = dataclasses.replace(tiny_config.env, scenes=scenes)
+        config = dataclasses.replace(tiny_config, steps=steps, env=env)
+        train_agent(config, tmp_path / "run", env=make_room(max_steps=9))
+    held = load_config_file(AgentConfig, tmp_path / "run/config.yaml")
+    assert (held.steps, held.env.scenes.baked) == (20, str(tmp_path / "data"))
 
 
 def test_frozen_features_come_from_a_pretrained_mae_and_stay(tiny_config, tiny_mae, make_room, tmp_path):

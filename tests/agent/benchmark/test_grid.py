@@ -89,6 +89,17 @@ def test_a_cell_is_configured_as_train_agent_would_be():
     assert base_config(grid).env == config.env
 
 
+def test_what_is_there_is_named_from_the_root(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "here").mkdir()
+    flags = {"env": {"scenes": {"baked": "here"}}}
+    grid = make_grid(Request(mae=["here", "mwm=some/hub"]), flags=flags)
+    assert grid.mae == {"langwm": str(tmp_path / "here"), "mwm": "some/hub"}
+    assert grid.overrides == {"env": {"scenes": {"baked": str(tmp_path / "here")}}}
+    grid = make_grid(Request(), assignments=["env.scenes.igibson=here", "env.id=here"])
+    assert grid.overrides["env"] == {"scenes": {"igibson": str(tmp_path / "here")}, "id": "here"}
+
+
 def test_what_differs_between_cells_is_not_for_assignments():
     for text, flag in (("seed=3", "--seeds"), ("mae=x", "--mae"), ("system=langwm", "--systems")):
         with pytest.raises(ConfigError, match=f"--set {text} is not for a grid; give {flag}"):
