@@ -242,13 +242,14 @@ def train_agent_command(
 ) -> None:
     """Train an agent for PointGoal navigation, or for any environment (--set env.id=NAME)."""
     from agent.config.places import with_absolute_places
-    from agent.systems.registry import load_agent_config
+    from agent.systems.registry import check_means_something, load_agent_config
     from agent.train import train_agent
 
     flags: dict[str, Any] = {"mae": None if mae is None else str(mae), "features": features}
     flags |= {"steps": steps, "seed": seed}
     flags["env"] = None if data is None else {"scenes": {"baked": str(data)}}
     overrides = with_absolute_places(_overrides(flags, assignments))
+    check_means_something(system, overrides)
     config = load_agent_config(system, presets=preset, overrides=overrides)
     if plan:
         from agent.plan import plan_training

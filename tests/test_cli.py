@@ -64,6 +64,18 @@ def refuse(capsys, *arguments: str) -> str:
             ["train-agent", "--out", "x", "--plan", "--set", "env.pixels=true"],
             "env.kwargs and env.pixels are of another environment",
         ),
+        (
+            ["train-agent", "--out", "x", "--system", "dreamerv2", "--mae", "nowhere"],
+            "mae 'nowhere' means nothing to system 'dreamerv2'",
+        ),
+        (
+            ["train-agent", "--out", "x", "--system", "curl", "--set", "features=frozen"],
+            "features 'frozen' means nothing to system 'curl'",
+        ),
+        (
+            ["train-agent", "--out", "x", "--system", "curl", "--set", "system=rad"],
+            "--set system=rad is not allowed; give --system rad",
+        ),
         (["evaluate-agent", "nowhere"], "nowhere"),
         (["benchmark", "--out", "x", "--systems", "langwm,hal"], "--systems: 'hal' is unknown; allowed: "),
         (["benchmark", "--out", "x", "--seeds", "4-0"], "--seeds '4-0' is not of the form 0-4, 7 or 0-2,5"),

@@ -13,7 +13,7 @@ from agent.benchmark.rows import TABLE, row_of
 from agent.config import AgentConfig
 from agent.config.places import absolute, with_absolute_places
 from agent.systems.controls import CONTROL_NAMES
-from agent.systems.registry import SYSTEMS, load_agent_config
+from agent.systems.registry import SYSTEMS, load_agent_config, readers_of_mae
 from langwm_data.config_io import (
     CONFIG_FILE,
     ConfigError,
@@ -185,17 +185,18 @@ def parse_maes(texts: Sequence[str]) -> dict[str, str]:
     """``RUN`` or ``SYSTEM=RUN`` as runs by system.
 
     Raises:
-        ConfigError: If the system is unknown, learns nothing, or is named twice.
+        ConfigError: If the system is unknown, reads no autoencoder, or is named twice.
     """
     runs: dict[str, str] = {}
-    learners = [name for name in known_systems() if name not in CONTROL_NAMES]
+    readers = [name for name in known_systems() if name in readers_of_mae()]
     for text in texts:
         name, equals, run = text.partition("=")
         if not equals:
             name, run = MAE_OF, text
-        if name not in learners or not run:
+        if name not in readers or not run:
             raise ConfigError(
-                f"--mae {text!r} is not of the form RUN or SYSTEM=RUN; systems: {', '.join(learners)}"
+                f"--mae {text!r} is not of the form RUN or SYSTEM=RUN; systems that read one:"
+                f" {', '.join(readers)}"
             )
         if name in runs:
             raise ConfigError(f"--mae names two runs for {name}: {runs[name]!r} and {run!r}; give one")

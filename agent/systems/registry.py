@@ -59,6 +59,35 @@ def load_agent_config(
     return build_config(AgentConfig, merge(values, overrides or {}) | {"system": system})
 
 
+def check_means_something(system: str, given: Mapping[str, Any]) -> None:
+    """Refuse settings that somebody gave to one system though it reads none of them; presets may hold them.
+
+    Args:
+        system: The one that is asked for.
+        given: Flags and assignments, in the names of ``AgentConfig``.
+
+    Raises:
+        ConfigError: If the system is unknown or named among the settings as well, or an autoencoder is given
+            to a system that reads none.
+    """
+    _check_name(system)
+    if "system" in given:
+        raise ConfigError(f"--set system={given['system']} is not allowed; give --system {given['system']}")
+    if system in readers_of_mae() or system == own_encoder.NAME:
+        return
+    for name in ("mae", "features"):
+        if given.get(name) is not None:
+            raise ConfigError(
+                f"{name} {given[name]!r} means nothing to system {system!r}, which reads no autoencoder;"
+                f" leave it out; allowed for: {', '.join(readers_of_mae())}"
+            )
+
+
+def readers_of_mae() -> tuple[str, ...]:
+    """Systems that see through a pretrained autoencoder."""
+    return tuple(name for name, system in SYSTEMS.items() if system.reads_mae)
+
+
 def _check_name(name: str) -> None:
     if name not in get_args(SystemName):
         raise ConfigError(f"--system {name!r} is unknown; allowed: {', '.join(SYSTEMS)}")

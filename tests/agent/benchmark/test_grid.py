@@ -66,8 +66,12 @@ def test_autoencoders_are_given_to_the_systems_they_were_trained_for():
 @pytest.mark.parametrize(
     ("texts", "message"),
     [
-        (["hal=runs/mae"], "--mae 'hal=runs/mae' is not of the form RUN or SYSTEM=RUN; systems: .*langwm"),
+        (
+            ["hal=runs/mae"],
+            "--mae 'hal=runs/mae' is not of the form RUN or SYSTEM=RUN; systems that read one: .*langwm",
+        ),
         (["random=runs/mae"], "--mae 'random=runs/mae' is not of the form"),
+        (["dreamerv2=runs/mae"], "--mae 'dreamerv2=runs/mae' is not of the form"),
         (["langwm="], "--mae 'langwm=' is not of the form"),
         ([""], "--mae '' is not of the form"),
         (["a", "langwm=b"], "--mae names two runs for langwm: 'a' and 'b'; give one"),

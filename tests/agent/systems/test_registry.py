@@ -7,7 +7,7 @@ from gymnasium import spaces
 
 from agent.config import SystemName
 from agent.systems.own_encoder import NAME
-from agent.systems.registry import OVERLAYS, SYSTEMS, find_system, load_agent_config
+from agent.systems.registry import OVERLAYS, SYSTEMS, check_means_something, find_system, load_agent_config
 from agent.systems.system import Spaces
 from langwm_data.config_io import ConfigError, load_preset, preset_names
 
@@ -37,6 +37,23 @@ def test_an_unknown_system_is_refused():
         find_system("mind-reading")
     with pytest.raises(ConfigError, match="--system 'mind-reading' is unknown"):
         load_agent_config("mind-reading")
+
+
+@pytest.mark.parametrize("given", [{"mae": "runs/mae"}, {"features": "frozen"}])
+def test_an_autoencoder_for_a_system_that_reads_none_is_refused(given):
+    for system in ("langwm", "mwm", NAME):
+        check_means_something(system, given)
+    (name,) = given
+    for system in ("dreamerv2", "curl", "dreamerv2-oracle-boxes"):
+        check_means_something(system, {"steps": 3, "mae": None})
+        match = f"{name} '{given[name]}' means nothing to system '{system}', .* allowed for: langwm, .*mwm$"
+        with pytest.raises(ConfigError, match=match):
+            check_means_something(system, given)
+
+
+def test_a_system_is_named_once():
+    with pytest.raises(ConfigError, match="--set system=curl is not allowed; give --system curl"):
+        check_means_something("dreamerv2", {"system": "curl"})
 
 
 def test_spaces_are_read_from_the_environment(make_room):
