@@ -66,15 +66,20 @@ def load_checkpoint(folder: Path, device: str | torch.device = "cpu") -> tuple[i
             raise OSError("it was changed after it was written")
         held = torch.load(path, map_location=device, weights_only=True)
     except (OSError, RuntimeError, EOFError, pickle.UnpicklingError) as error:
-        raise ValueError(
-            f"checkpoint {path} cannot be read; remove its folder to use the one before"
-        ) from error
+        raise ValueError(f"checkpoint {path} cannot be read; {_way_out(folder)}") from error
     version = held.get("schema_version") if isinstance(held, dict) else None
     if version != SCHEMA_VERSION:
         raise ValueError(
             f"checkpoint {path} has schema version {version}; this program reads {SCHEMA_VERSION}"
         )
     return held["step"], held["state"]
+
+
+def _way_out(folder: Path) -> str:
+    """What to do where the checkpoint in ``folder`` is damaged."""
+    if any(other < folder for other in _complete(folder.parents[1])):
+        return "remove its folder to use the one before"
+    return "there is no earlier one; --fresh starts over"
 
 
 def _save(value: Mapping[str, Any], path: Path) -> None:

@@ -69,13 +69,15 @@ def test_what_the_system_refuses_to_write_leaves_the_old_checkpoint(tmp_path):
 
 
 def test_damaged_file_is_refused(tmp_path):
-    folder = save_checkpoint(tmp_path, 1, state(1))
-    for damaged in (b"", b"not a checkpoint", (folder / "state.pt").read_bytes()[:200]):
-        (folder / "state.pt").write_bytes(damaged)
-        with pytest.raises(
-            ValueError, match=r"state.pt cannot be read; remove its folder to use the one before"
-        ):
-            load_checkpoint(folder)
+    first, second = (save_checkpoint(tmp_path, step, state(step)) for step in (1, 2))
+    for folder, advice in (
+        (first, "there is no earlier one; --fresh starts over"),
+        (second, "remove its folder to use the one before"),
+    ):
+        for damaged in (b"", b"not a checkpoint", (folder / "state.pt").read_bytes()[:200]):
+            (folder / "state.pt").write_bytes(damaged)
+            with pytest.raises(ValueError, match=f"state.pt cannot be read; {advice}"):
+                load_checkpoint(folder)
 
 
 def test_file_that_would_run_code_is_refused(tmp_path):
@@ -136,7 +138,7 @@ def test_a_flipped_bit_is_refused_where_the_checksum_is_known(tmp_path):
     place = data.index(torch.full((2,), 1.0).numpy().tobytes())
     data[place] ^= 1
     (folder / "state.pt").write_bytes(data)
-    with pytest.raises(ValueError, match=r"state\.pt cannot be read; remove its folder"):
+    with pytest.raises(ValueError, match=r"state\.pt cannot be read; there is no earlier one"):
         load_checkpoint(folder)
     (folder / "done").write_text("")  # as it was written before there were checksums
     assert load_checkpoint(folder)[0] == 1
