@@ -120,6 +120,16 @@ def test_a_plan_of_training_does_nothing(capsys, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
+def test_an_environment_that_cannot_be_used_is_one_sentence(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, "pygame", None)
+    asked = ["train-agent", "--out", "x", "--system", "curl", "--preset", "debug"]
+    assert cli.run([*asked, "--set", "env.id=Pendulum-v1", "--set", "env.pixels=true"]) == 2
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("langwm: ")]
+    assert "env.id 'Pendulum-v1' cannot be re" in line
+    assert "DependencyNotInstalled: pygame is not installed" in line
+
+
 def test_a_run_names_what_it_reads_from_the_root(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "data").mkdir()

@@ -4,7 +4,9 @@ Owns what is made of its observations and actions: ``rgb`` of the camera's size,
 ``task`` from every other number, actions in [-1, 1]. What it rewards and when it ends are its own affair.
 """
 
-from collections.abc import Mapping
+import contextlib
+import logging
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import cv2
@@ -14,6 +16,8 @@ from gymnasium import spaces
 from jaxtyping import Float32, UInt8
 
 from langwm_data.config_io import ConfigError
+
+log = logging.getLogger(__name__)
 
 _PICTURES = ("rgb", "depth")
 Size = tuple[int, int]
@@ -113,18 +117,51 @@ def adapt_env(env: gymnasium.Env, *, size: Size, has_pixels: bool = False) -> gy
     )
 
 
+class _Refusing(gymnasium.Wrapper[Any, Any, Any, Any], gymnasium.utils.RecordConstructorArgs):
+    """``env`` of that name, whose errors become sentences: what it lacks may show only once it is used."""
+
+    def __init__(self, env: gymnasium.Env, name: str) -> None:
+        gymnasium.utils.RecordConstructorArgs.__init__(self, name=name)
+        gymnasium.Wrapper.__init__(self, env)
+        self._name = name
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        with _refusing(self._name, "reset"):
+            return self.env.reset(seed=seed, options=options)
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:  # noqa: ANN401
+        with _refusing(self._name, "stepped"):
+            return self.env.step(action)
+
+    def render(self) -> Any:  # noqa: ANN401
+        with _refusing(self._name, "rendered"):
+            return self.env.render()
+
+
+@contextlib.contextmanager
+def _refusing(name: str, done: str) -> Iterator[None]:
+    """Turn whatever an environment raises while it is ``done`` into one sentence; ``DEBUG`` logs the rest."""
+    try:
+        yield
+    except ConfigError:
+        raise
+    except Exception as error:
+        log.debug("env.id %r", name, exc_info=True)
+        reason = " ".join(str(error).split()).rstrip(".")
+        raise ConfigError(f"env.id {name!r} cannot be {done}: {type(error).__name__}: {reason}") from error
+
+
 def make_foreign(name: str, kwargs: Mapping[str, Any], *, size: Size, has_pixels: bool) -> gymnasium.Env:
     """The registered environment of that name, adapted.
 
     Raises:
-        ConfigError: If there is none, or it cannot be made or used.
+        ConfigError: If there is none, or it cannot be made or used; also later, when it breaks.
     """
     asked = {"render_mode": "rgb_array"} if has_pixels else {}
-    try:
-        env = gymnasium.make(name, **{**asked, **kwargs})
-    except Exception as error:  # whatever the maker of an environment raises
-        reason = " ".join(str(error).split()).rstrip(".")
-        raise ConfigError(f"env.id {name!r} cannot be made: {type(error).__name__}: {reason}") from error
+    with _refusing(name, "made"):
+        env = _Refusing(gymnasium.make(name, **{**asked, **kwargs}), name)
     try:
         return adapt_env(env, size=size, has_pixels=has_pixels)
     except ConfigError:

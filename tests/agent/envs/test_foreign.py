@@ -190,6 +190,51 @@ def test_what_cannot_be_used_is_refused_in_one_sentence(name, fields, message):
     assert "\n" not in str(refused.value)
 
 
+class Broken(Lift):
+    """Lacks what one of its methods needs."""
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012
+
+    def __init__(self, broken, render_mode=None):
+        super().__init__()
+        self.broken, self.render_mode = broken, render_mode
+
+    def reset(self, *, seed=None, options=None):
+        self.need("reset")
+        return super().reset(seed=seed, options=options)
+
+    def step(self, action):
+        self.need("step")
+        return super().step(action)
+
+    def render(self):
+        self.need("render")
+
+    def need(self, name):
+        if self.broken == name:
+            raise gymnasium.error.DependencyNotInstalled("pygame is not installed,\nrun pip.")
+
+
+gymnasium.register("Tests/Broken-v0", entry_point=Broken)
+
+
+@pytest.mark.parametrize("broken", ["reset", "step", "render"])
+def test_what_breaks_in_use_is_one_sentence(broken):
+    kwargs = {"broken": broken}
+    config = EnvConfig(id="Tests/Broken-v0", camera=SMALL, kwargs=kwargs, pixels=broken == "render")
+    env = make_env(config)
+    done = {"reset": "reset", "step": "stepped", "render": "rendered"}[broken]
+    reason = "DependencyNotInstalled: pygame is not installed, run pip"
+    with pytest.raises(ConfigError, match=rf"env.id 'Tests/Broken-v0' cannot be {done}: {reason}$"):
+        run_episode(env, lambda obs, state: (np.ones(1), None), seed=0)
+
+
+def test_errors_of_an_env_of_the_callers_are_the_callers():
+    env = make_env(EnvConfig(camera=SMALL), Broken("reset"))
+    with pytest.raises(gymnasium.error.DependencyNotInstalled):
+        env.reset(seed=0)
+
+
 def test_words_about_an_env_need_an_env():
     with pytest.raises(ConfigError, match=r"env\.kwargs and env\.pixels are of another environment"):
         EnvConfig(pixels=True)
