@@ -258,7 +258,11 @@ def train_agent_command(
         return
     with _progress("environment steps") as progress:
         path = train_agent(config, out, fresh=fresh, progress=progress)
-    typer.echo(f"agent at {path}; score it with: langwm evaluate-agent {path}")
+    if ":" in (config.env.id or ""):  # evaluate-agent imports no module that a run names
+        way = f"from Python: agent.scoring.anywhere.evaluate_anywhere({str(path)!r}, env=gymnasium.make(...))"
+    else:
+        way = f"with: langwm evaluate-agent {path}"
+    typer.echo(f"agent at {path}; score it {way}")
 
 
 @app.command("evaluate-agent")

@@ -120,6 +120,20 @@ def test_a_plan_of_training_does_nothing(capsys, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
+def test_the_way_to_score_a_run_is_one_that_works(capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr("agent.train.train_agent", lambda config, out, **_: out)
+    out = str(tmp_path / "x")
+    for name, way in (
+        ("Any-v0", f"with: langwm evaluate-agent {out}"),
+        (
+            "here:Any-v0",
+            f"from Python: agent.scoring.anywhere.evaluate_anywhere('{out}', env=gymnasium.make(",
+        ),
+    ):
+        assert cli.run(["train-agent", "--out", out, "--set", f"env.id={name}"]) == 0
+        assert f"agent at {out}; score it {way}" in capsys.readouterr().out
+
+
 def test_an_environment_that_cannot_be_used_is_one_sentence(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, "pygame", None)
