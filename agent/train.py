@@ -94,6 +94,14 @@ def train_agent(
                     progress(run.step, config.steps)
             if not run.is_saved:
                 run.save()
+            if not run.has_learned and not stop.is_set():
+                log.warning(
+                    "%s has learned nothing: %d steps are over before the first update, with prefill_steps"
+                    " %d; the same command with more steps goes on",
+                    out,
+                    config.steps,
+                    config.prefill_steps,
+                )
     finally:
         env.close()
     if stop.is_set():
@@ -151,6 +159,11 @@ class _Run:
         """Whether something still has to learn from the prefilled replay before the ordinary updates."""
         is_due = self.step >= self._config.prefill_steps and self._replay.num_episodes > 0
         return is_due and not self._learner.is_pretrained
+
+    @property
+    def has_learned(self) -> bool:
+        """Whether any ordinary update was taken."""
+        return self._num_updates > 0
 
     @property
     def is_saved(self) -> bool:

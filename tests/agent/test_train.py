@@ -13,7 +13,7 @@ from agent.systems.finetune import Finetuner
 from agent.train import train_agent
 from langwm_data.config import CameraConfig
 from langwm_data.config_io import ConfigError, load_config_file
-from pretrain.checkpoint import latest_checkpoint, save_checkpoint
+from pretrain.checkpoint import latest_checkpoint, load_checkpoint, save_checkpoint
 from pretrain.metrics import read_metrics
 
 
@@ -124,6 +124,16 @@ def test_a_finished_run_does_nothing(whole_run, tiny_config, make_room, caplog):
         train_agent(tiny_config, whole_run, env=make_room(max_steps=9))
     assert "has finished its 60 steps" in caplog.text
     assert (whole_run / "metrics.jsonl").stat().st_mtime_ns == before
+
+
+@pytest.mark.parametrize(("steps", "is_warned"), [(24, True), (25, False)])
+def test_a_run_too_short_to_learn_says_so(steps, is_warned, tiny_config, make_room, tmp_path, caplog):
+    config = dataclasses.replace(tiny_config, system="dreamerv2", steps=steps)
+    train_agent(config, tmp_path / "run", env=make_room(max_steps=9))
+    said = f"learned nothing: {steps} steps are over before the first update, with prefill_steps 25"
+    assert (said in caplog.text) == is_warned
+    _, state = load_checkpoint(latest_checkpoint(tmp_path / "run"))
+    assert (state["num_updates"] == 0) == is_warned
 
 
 def test_another_configuration_in_the_same_place_is_refused(whole_run, tiny_config):
