@@ -16,7 +16,7 @@ import cli
 from agent import evaluate
 from agent.envs.episode_file import make_episode_set, read_episode_file, write_episode_file
 from agent.evaluate import Plan, evaluate_agent, evaluate_run, evaluate_runs
-from agent.scoring.rows import LOCK_FILE, Journal, claimed, read_rows
+from agent.scoring.rows import LOCK_FILE, Journal, claimed, read_rows, task_of
 from agent.systems import langwm
 from agent.systems.agent import Agent
 from agent.systems.controls import make_straight_ahead
@@ -161,6 +161,9 @@ def test_more_episodes_begin_with_those_that_were_played(run):
     summary = evaluate_run(run, controls=())
     assert summary.scores[0].num_episodes == FLOORS
     assert len(read_rows(run / "eval")) == 2 * FLOORS
+    written = json.loads((run / "eval/summary.json").read_text())
+    assert set(written["episodes"]["test"]["counts"].values()) == {2}
+    assert written["scores"][0]["episodes"] == 2 * FLOORS
 
 
 def test_an_agent_that_has_learned_since_is_played_again(run, config):
@@ -196,6 +199,18 @@ def test_a_file_of_episodes_is_what_is_played(run, config, tmp_path):
     assert read_episode_file(run / "eval" / "episodes-test.json") == read_episode_file(path)
     with pytest.raises(ValueError, match="3 episodes on Maple_0 are wanted; there are 2"):
         evaluate_runs([run], Plan(episodes_file=path, episodes_per_scene=3))
+
+
+def test_rows_of_other_episodes_do_not_stay_beside_those_of_a_file(run, config, tmp_path):
+    evaluate_run(run, episodes_per_scene=2, controls=("oracle",))
+    episodes = make_episode_set(dataclasses.replace(config.env, seed_eval=5), "test", 1)
+    write_episode_file(tmp_path / "episodes.json", episodes)
+    evaluate_runs([run], Plan(episodes_file=tmp_path / "episodes.json", controls=()))
+    rows = read_rows(run / "eval")
+    assert [row["task"] for row in rows] == [task_of(e) for e in episodes.episodes]
+    written = json.loads((run / "eval/summary.json").read_text())
+    assert written["episodes"]["test"]["sha256"] == episodes.sha256
+    assert written["scores"][0]["episodes"] == FLOORS
 
 
 def test_a_policy_of_the_callers_is_scored(config, tmp_path):
