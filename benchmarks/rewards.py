@@ -37,7 +37,7 @@ REWARDS: Mapping[str, Mapping[str, float]] = {
     "progress-only": {"progress": 5.0, "collision": -0.1, "success": 0.0},
     "arrival-only": {"progress": 0.0, "collision": -0.1, "success": 10.0},
 }
-"""Weights by name; ``paper`` are iGibson's, ``homes`` and ``paper`` are the presets of these names."""
+"""Weights by name; ``paper`` (iGibson's) and ``homes`` are those of the presets."""
 SPLITS = ("train", "test")
 
 
