@@ -26,8 +26,9 @@ class ConfigError(ValueError):
 
 @dataclass_transform(kw_only_default=True, frozen_default=True)
 def config(cls: type[T]) -> type[T]:
-    """Make ``cls`` a frozen, keyword-only dataclass that refuses unknown fields when validated."""
-    cls.__pydantic_config__ = ConfigDict(extra="forbid")  # pyright: ignore[reportAttributeAccessIssue]
+    """Make ``cls`` a frozen, keyword-only dataclass that refuses unknown fields, NaN and infinity."""
+    strict = ConfigDict(extra="forbid", allow_inf_nan=False)
+    cls.__pydantic_config__ = strict  # pyright: ignore[reportAttributeAccessIssue]
     return dataclass(frozen=True, kw_only=True)(cls)
 
 

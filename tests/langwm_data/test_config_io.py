@@ -13,6 +13,7 @@ from langwm_data.config_io import ConfigError, build_config, config, load_config
 @config
 class Inner:
     rate: float = 0.5
+    rates: tuple[float, ...] | None = None
     depth: int = 3
 
 
@@ -46,6 +47,8 @@ def test_later_presets_win_and_assignments_win_over_presets(monkeypatch):
         ),
         ({"steps": "many"}, r"field 'steps': value 'many' is not allowed: input should be a valid integer"),
         ({"inner": 3}, r"field 'inner': value 3 is not allowed"),
+        ({"inner": {"rate": float("inf")}}, r"'inner.rate': value inf .* should be a finite number"),
+        ({"inner": {"rates": [1, float("nan")]}}, r"'inner.rates.1': value nan .* should be a finite number"),
     ],
 )
 def test_wrong_fields_are_named_with_value_and_what_is_allowed(values, message):
