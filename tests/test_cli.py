@@ -38,7 +38,10 @@ def refuse(capsys, *arguments: str) -> str:
         (["render-dataset", "--out", "x", "--set", "camera.heigth=64"], "did you mean 'height'?"),
         (["render-dataset", "--out", "x", "--set", "camera.height=tall"], "'camera.height': value 'tall'"),
         (["render-dataset", "--out", "x", "--set", "frames"], "is not of the form a.b=value"),
-        (["render-dataset", "--out", "x", "--set", "camera.far_m=.inf"], "inf is not allowed: input should be"),
+        (
+            ["render-dataset", "--out", "x", "--set", "camera.far_m=.inf"],
+            "inf is not allowed: input should be",
+        ),
         (["render-dataset", "--out", "x", "--frames", "0"], "'frames': value 0 is not allowed"),
         (["inspect", "nowhere"], "nowhere"),
         (["inspect", "nowhere", "key", "--plots", "x"], "--gallery and --plots are of the whole dataset"),

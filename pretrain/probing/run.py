@@ -32,6 +32,7 @@ from pretrain.probing.report import REPORT_FILE, draw_grounding, render_report
 from pretrain.probing.scene import DepthPrior, ProbeScene, make_probe_scene
 from pretrain.probing.scores import FeatureScore, score_features
 from pretrain.probing.subject import Subject, open_subject, split_of
+from pretrain.train import usable_device
 
 ROWS_FILE, FEATURES_FILE, SUMMARY_FILE = "probe.parquet", "features.parquet", "probe.json"
 _KIND = Kind(writes=(ROWS_FILE, FEATURES_FILE, SUMMARY_FILE, REPORT_FILE))
@@ -65,6 +66,7 @@ def probe_mae(
     Raises:
         ValueError: If the request is wrong; nothing was written then.
     """
+    usable_device(config.device)
     subject = open_subject(config)
     text, scenes = None, None
     if subject.mae.config.target == "depth":

@@ -224,6 +224,8 @@ def test_refusals_leave_the_folder_alone(run, config, tmp_path):
         evaluate_runs([run, run], Plan())
     with pytest.raises(ConfigError, match="one or more"):
         evaluate_runs([], Plan())
+    with pytest.raises(ConfigError, match="device 'abacus' cannot be used on this machine"):
+        evaluate_runs([run], Plan(device="abacus"))
     with pytest.raises(ValueError, match="there is no file of episodes at"):
         evaluate_runs([run], Plan(episodes_file=tmp_path / "none.json"))
     assert not (run / "eval").exists()

@@ -149,6 +149,11 @@ def refuse(out, message, **fields):
     assert not out.exists()
 
 
+def test_a_device_that_is_not_there_is_refused(run, data, tmp_path):
+    message = "device 'abacus' cannot be used on this machine; cpu always can"
+    refuse(tmp_path / "out", message, run=run, data=str(data), device="abacus")
+
+
 def test_datasets_of_one_split_are_refused(run, make_dataset, tmp_path):
     for split, counts in (("test", {"num_test": 0}), ("train", {"num_train": 0})):
         folder = make_dataset(tmp_path / split, **counts)
