@@ -248,8 +248,9 @@ def _episodes(env: EnvConfig, plan: Plan) -> EpisodeSet:
 
 def _config_of(run: Path) -> AgentConfig:
     """What a run was trained with, and where its baked scenes lie if it still has its own config file."""
+    config, _ = read_config(find_agent(run))  # refuses what is no agent
     path = run / CONFIG_FILE
-    return load_config_file(AgentConfig, path) if path.is_file() else read_config(find_agent(run))[0]
+    return load_config_file(AgentConfig, path) if path.is_file() else config
 
 
 def _labels(systems: Sequence[str], runs: Sequence[Path]) -> list[str]:

@@ -196,6 +196,16 @@ def test_help_imports_no_heavy_package():
     assert "render-dataset" in done.stdout
 
 
+def test_a_level_of_logging_that_there_is_not_is_refused(monkeypatch, capsys):
+    monkeypatch.setenv("LANGWM_LOG", "loud")
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 2
+    heard = capsys.readouterr().err
+    assert heard.startswith("langwm: LANGWM_LOG 'loud' is no level; allowed: CRITICAL, ")
+    assert len(heard.splitlines()) == 1
+
+
 def test_plain_progress_says_rate_and_remaining_time(capsys):
     progress = cli._PlainProgress("frames")
     for done in (0, 50, 100):
