@@ -239,9 +239,18 @@ def test_refusals_leave_the_folder_alone(run, config, tmp_path):
         evaluate_runs([run, run], Plan())
     with pytest.raises(ConfigError, match="one or more"):
         evaluate_runs([], Plan())
+    with pytest.raises(ConfigError, match="device 'abacus' cannot be used on this machine"):
+        evaluate_runs([run], Plan(device="abacus"))
     with pytest.raises(ValueError, match="there is no file of episodes at"):
         evaluate_runs([run], Plan(episodes_file=tmp_path / "none.json"))
     assert not (run / "eval").exists()
+
+
+def test_the_run_of_an_autoencoder_is_refused(run, tiny_mae, tmp_path):
+    tiny_mae.save_pretrained(tmp_path / "mae/model")
+    (tmp_path / "mae/config.yaml").write_text("steps: 3\nbatch: 4\n")
+    with pytest.raises(ValueError, match="holds an autoencoder of pretrain-mae, not a trained agent"):
+        evaluate_runs([tmp_path / "mae", run], Plan())
 
 
 def test_two_processes_at_once_are_refused(run):

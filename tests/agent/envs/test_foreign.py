@@ -13,7 +13,7 @@ from agent.envs.outcomes import EpisodeRecord
 from agent.rollout import Collector, run_episode
 from agent.systems.system import UNBOUNDED, Spaces, task_scale
 from langwm_data.config import CameraConfig
-from langwm_data.config_io import ConfigError
+from langwm_data.config_io import ConfigError, build_config
 
 SMALL = CameraConfig(height=16, width=16)
 
@@ -188,6 +188,12 @@ def test_what_cannot_be_used_is_refused_in_one_sentence(name, fields, message):
     with pytest.raises(ConfigError, match=message) as refused:
         make_env(config_of(name, **fields))
     assert "\n" not in str(refused.value)
+
+
+def test_what_no_file_can_hold_is_no_word_about_an_env():
+    message = r"'kwargs': value {'high': \[inf\]} is not allowed: all numbers should be finite"
+    with pytest.raises(ConfigError, match=message):
+        build_config(EnvConfig, {"id": "Tests/Lift-v0", "kwargs": {"high": [np.inf]}})
 
 
 def test_words_about_an_env_need_an_env():
