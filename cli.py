@@ -408,8 +408,10 @@ def doctor_command(
 
 def main() -> None:
     """Console script: run a command and turn what goes wrong into one sentence and an exit code."""
-    level = os.environ.get("LANGWM_LOG", "INFO").upper()
-    logging.basicConfig(level=level, format="%(message)s", stream=sys.stderr)
+    level, levels = os.environ.get("LANGWM_LOG", "INFO"), logging.getLevelNamesMapping()
+    if level.upper() not in levels:
+        sys.exit(_fail(f"LANGWM_LOG {level!r} is no level; allowed: {', '.join(levels)}", 2))
+    logging.basicConfig(level=level.upper(), format="%(message)s", stream=sys.stderr)
     for chatty in ("httpx", "transformers", "matplotlib"):
         logging.getLogger(chatty).setLevel(logging.ERROR)
     # Stages that hold something in memory save it on either signal; the others just stop.

@@ -17,12 +17,13 @@ import torch
 
 from agent.config import AgentConfig
 from agent.evaluate import EVAL_FOLDER, evaluate_run, read_rows
-from agent.report import AGENT, DATA, MAE, PANELS_FILE, PROBE, PROBE_FILE, write_report
+from agent.report import AGENT, DATA, MAE, PANELS_FILE, PROBE, PROBE_FILE, REPORT_FILE, write_report
 from agent.systems.registry import load_agent_config
 from agent.train import train_agent
 from langwm_data import atomic
+from langwm_data.claim import Kind, claim_output
 from langwm_data.config import DatasetConfig
-from langwm_data.config_io import ConfigError, claim_output, config, load_config
+from langwm_data.config_io import ConfigError, config, load_config
 from langwm_data.pipeline import render_dataset
 from langwm_data.png import encode_png
 from pretrain.config import PretrainConfig
@@ -40,6 +41,7 @@ Progress = Callable[[str], AbstractContextManager[Callable[[int, int], None]]]
 """Makes a progress display for a unit of work, such as ``frames``."""
 
 CLOCK_FILE = "seconds.json"
+_KIND = Kind(writes=(DATA, MAE, PROBE, AGENT, CLOCK_FILE, REPORT_FILE))
 PROBE_FRAMES = 400
 PANELS = 4
 TRAIN_SHARE = 8
@@ -89,7 +91,7 @@ def run_demo(out: Path, *, preset: str, seed: int, workers: int, fresh: bool, pr
         ConfigError: If the request is wrong; nothing was changed then.
     """
     stages = load_stages(preset, seed, out)
-    claim_output(out, DemoConfig(preset=preset, seed=seed), fresh=fresh)
+    claim_output(out, DemoConfig(preset=preset, seed=seed), _KIND, fresh=fresh)
     clock = Clock(out / CLOCK_FILE)
     log.info("1/4 rendering and labelling %d frames", stages.dataset.frames)
     with clock.measure("render"), progress("frames") as show:

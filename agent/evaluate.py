@@ -28,6 +28,7 @@ from agent.systems.agent import Agent, find_agent, read_config
 from agent.systems.controls import CONTROL_NAMES
 from langwm_data.config_io import CONFIG_FILE, ConfigError, load_config_file
 from langwm_data.scenes.spec import Split
+from pretrain.train import usable_device
 
 __all__ = [
     "EPISODES_FILE",
@@ -134,9 +135,10 @@ def evaluate_runs(runs: Sequence[Path], plan: Plan, *, progress: Progress | None
         Scores of all, and how the first run differs from each other one and from the controls.
 
     Raises:
-        ConfigError: If the runs are not of one world, or one is named twice.
+        ConfigError: If the runs are not of one world, one is named twice, or the device cannot be used.
         ValueError: If there is no trained agent, or the episodes are of something else.
     """
+    usable_device(plan.device)
     if len({run.resolve() for run in runs}) < max(1, len(runs)):
         raise ConfigError(f"runs {', '.join(map(str, runs))} must be one or more, none of them twice")
     configs = [_config_of(run) for run in runs]
@@ -248,8 +250,9 @@ def _episodes(env: EnvConfig, plan: Plan) -> EpisodeSet:
 
 def _config_of(run: Path) -> AgentConfig:
     """What a run was trained with, and where its baked scenes lie if it still has its own config file."""
+    config, _ = read_config(find_agent(run))  # refuses what is no agent
     path = run / CONFIG_FILE
-    return load_config_file(AgentConfig, path) if path.is_file() else read_config(find_agent(run))[0]
+    return load_config_file(AgentConfig, path) if path.is_file() else config
 
 
 def _at(env: EnvConfig, data: Path | None) -> EnvConfig:

@@ -7,14 +7,16 @@ a counter, so a run that was killed at any moment goes on from its last checkpoi
 import logging
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
 
-from agent.best import Best
+from agent.best import BEST_FOLDER, Best
 from agent.config import AgentConfig
+from agent.evaluate import EVAL_FOLDER
 from agent.models.world_model import Metrics
 from agent.plan import bytes_a_step
 from agent.replay import Replay, check_disk
@@ -24,11 +26,11 @@ from agent.systems.controls import make_random_policy
 from agent.systems.features import Encoder
 from agent.systems.registry import find_system
 from agent.systems.system import Spaces, State, System
-from langwm_data.config_io import claim_output
+from langwm_data.claim import Kind, check_output, claim_output
 from langwm_data.seeding import derive_seed
-from pretrain.checkpoint import latest_checkpoint, load_checkpoint, save_checkpoint
+from pretrain.checkpoint import CHECKPOINTS, latest_checkpoint, load_checkpoint, save_checkpoint
 from pretrain.interrupt import stop_requests
-from pretrain.metrics import MetricsLogger
+from pretrain.metrics import METRICS_FILE, TENSORBOARD, MetricsLogger
 from pretrain.model_file import MODEL_FOLDER
 from pretrain.train import usable_device
 from pretrain.update import torch_seed
@@ -36,6 +38,10 @@ from pretrain.update import torch_seed
 log = logging.getLogger(__name__)
 
 REPLAY_FOLDER = "replay"
+_KIND = Kind(
+    writes=(METRICS_FILE, TENSORBOARD, CHECKPOINTS, MODEL_FOLDER, BEST_FOLDER, REPLAY_FOLDER, EVAL_FOLDER),
+    may_differ=("steps", "eval_episodes"),
+)
 PRETRAINING_CHECKPOINT_EVERY = 500
 """Updates; an autoencoder's first thousands may take hours in which no step is taken."""
 Progress = Callable[[int, int], None]
@@ -74,17 +80,23 @@ def train_agent(
     """
     usable_device(config.device)
     system = find_system(config.system, encoder)
+    reads = (config.mae, config.finetune.text.model, *config.env.scenes.folders)
+    check_output(out, config, _KIND, fresh=fresh, reads=reads)
+    taken = 0 if fresh else _steps_taken(out)
+    config = replace(config, steps=max(config.steps, taken))  # what is done stays done
     env = system.make_env(config, env)
     try:
         spaces = Spaces.of(env)
         model = system.create(config, spaces)
         _check_disk(config, system, spaces, out)
-        claim_output(out, config, fresh=fresh, may_differ=("steps", "eval_episodes"))
-        if is_finished(config, out):
-            log.info("%s has finished its %d steps; --fresh starts over", out, config.steps)
+        start = None if taken == config.steps else _start(config, out, env, system, fresh=fresh)
+        claim_output(out, config, _KIND, fresh=fresh, reads=reads)
+        if start is None:
+            log.info("%s has taken %d steps already; --fresh starts over", out, taken)
             return out
         agent = Agent(model, system.resolve(config, model), spaces)
-        run = _Run(config, out, env, agent, system)
+        run = _Run(config, out, agent, system, start)
+        del start  # it holds the weights a second time
         with MetricsLogger(out, run.step) as logger, stop_requests() as stop:
             while run.step < config.steps and not stop.is_set():
                 run.advance(logger)
@@ -109,10 +121,10 @@ def train_agent(
     return out
 
 
-def is_finished(config: AgentConfig, out: Path) -> bool:
-    """Whether the run in ``out`` has taken all its steps."""
+def _steps_taken(out: Path) -> int:
+    """By the last checkpoint of the run in ``out``."""
     folder = latest_checkpoint(out)
-    return folder is not None and int(folder.name.removeprefix("step-")) >= config.steps
+    return 0 if folder is None else int(folder.name.removeprefix("step-"))
 
 
 def _check_disk(config: AgentConfig, system: System, spaces: Spaces, out: Path) -> None:
@@ -124,35 +136,53 @@ def _check_disk(config: AgentConfig, system: System, spaces: Spaces, out: Path) 
     log.info("replay: up to %d steps of %d bytes, %.1f GB in %s", steps, size, steps * size / 1e9, folder)
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Start:
+    """Where a run begins or goes on."""
+
+    step: int
+    state: dict[str, Any]
+    """Of the last checkpoint; empty where there is none."""
+    collector: Collector
+
+
+def _start(config: AgentConfig, out: Path, env: gymnasium.Env, system: System, *, fresh: bool) -> _Start:
+    """Read the last checkpoint and begin the episode that is next: only then may an environment refuse."""
+    folder = None if fresh else latest_checkpoint(out)
+    step, state = (0, {}) if folder is None else load_checkpoint(folder, config.device)
+    collector = Collector(
+        env,
+        seed=derive_seed(config.seed, "episodes") % 2**31,
+        state=state.get("collector"),
+        with_depth=system.needs_depth(config),
+        with_objects=system.needs_labels(config),
+    )
+    collector.policy_state = state.get("policy_state")
+    return _Start(step=step, state=state, collector=collector)
+
+
 class _Run:
     """Everything that learns, collects and remembers in one run."""
 
-    def __init__(
-        self, config: AgentConfig, out: Path, env: gymnasium.Env, agent: Agent, system: System
-    ) -> None:
+    def __init__(self, config: AgentConfig, out: Path, agent: Agent, system: System, start: _Start) -> None:
         self._config = config
         self._out = out
-        self.step = 0
-        self._num_updates = 0
+        self.step = start.step
+        self._collector = start.collector
         self._has_collected = True
         """Whether the last thing done was a step and not an update before the ordinary ones."""
         self._since_saved = 0
         """Steps and updates before the ordinary ones that no checkpoint has."""
-        self._means = _Means()
+        state = start.state
+        self._num_updates: int = state.get("num_updates", 0)
+        self._means = _Means(state.get("means"))
         self._agent = agent
         self._learner = system.make_learner(agent.model, config)
-        state = self._load()
+        if state:
+            agent.model.load_state_dict(state["model"])
+            self._learner.load_state_dict(state["learner"])
         self._best = Best(out, state.get("best"))
         self._replay = Replay(config.replay, out / REPLAY_FOLDER, state.get("replay"))
-        first_seed = derive_seed(config.seed, "episodes") % 2**31
-        self._collector = Collector(
-            env,
-            seed=first_seed,
-            state=state.get("collector"),
-            with_depth=system.needs_depth(config),
-            with_objects=system.needs_labels(config),
-        )
-        self._collector.policy_state = state.get("policy_state")
 
     @property
     def is_pretraining(self) -> bool:
@@ -218,17 +248,6 @@ class _Run:
         save_checkpoint(self._out, self.step, state, keep=1)
         self._since_saved = 0
         self._replay.delete_evicted()
-
-    def _load(self) -> dict[str, Any]:
-        folder = latest_checkpoint(self._out)
-        if folder is None:
-            return {}
-        self.step, state = load_checkpoint(folder, self._agent.model.device)
-        self._agent.model.load_state_dict(state["model"])
-        self._learner.load_state_dict(state["learner"])
-        self._num_updates = state["num_updates"]
-        self._means = _Means(state["means"])
-        return state
 
     def _collect(self, logger: MetricsLogger) -> None:
         is_prefill = self.step < self._config.prefill_steps

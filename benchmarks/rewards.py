@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 
 from agent.config import AgentConfig
 from agent.evaluate import EVAL_FOLDER, evaluate_run, read_rows
-from agent.scoring.statistics import hierarchical_bootstrap_interval, pooled_rate_interval
+from agent.scoring.statistics import seeds_interval, seeds_rate_interval
 from agent.systems.registry import SYSTEMS, load_agent_config
 from agent.train import train_agent
 from langwm_data import atomic
@@ -37,7 +37,7 @@ REWARDS: Mapping[str, Mapping[str, float]] = {
     "progress-only": {"progress": 5.0, "collision": -0.1, "success": 0.0},
     "arrival-only": {"progress": 0.0, "collision": -0.1, "success": 10.0},
 }
-"""Weights by name; ``paper`` are iGibson's, ``homes`` and ``paper`` are the presets of these names."""
+"""Weights by name; ``paper`` (iGibson's) and ``homes`` are those of the presets."""
 SPLITS = ("train", "test")
 
 
@@ -64,21 +64,21 @@ def learn(asked: argparse.Namespace, reward: str, seed: int) -> str:
 
 
 def score(out: Path, reward: str, seeds: Sequence[int], split: str) -> dict[str, Any]:
-    """Over all seeds: success by distance, SPL and contacts, with intervals by seeds first, then episodes."""
-    rows = [
-        [row for row in read_rows(run_of(out, reward, seed) / EVAL_FOLDER) if row["split"] == split]
-        for seed in seeds
-    ]
+    """Over all seeds: success by distance, SPL and contacts, with intervals over seeds and episodes."""
+    rows = []
+    for seed in seeds:
+        own = [row for row in read_rows(run_of(out, reward, seed) / EVAL_FOLDER) if row["split"] == split]
+        rows.append(sorted(own, key=lambda row: (row["scene"], row["episode"])))
     rng = make_rng(0, "rewards", reward, split)
     tiers = sorted({row["tier"] for row in rows[0]})
     near = {
-        str(tier): pooled_rate_interval(
-            [np.array([r["success"] for r in own if r["tier"] == tier], float) for own in rows], rng
+        str(tier): seeds_rate_interval(
+            np.array([[r["success"] for r in own if r["tier"] == tier] for own in rows], float), rng
         )
         for tier in tiers
     }
     means = {
-        name: hierarchical_bootstrap_interval([np.array([r[name] for r in own], float) for own in rows], rng)
+        name: seeds_interval(np.array([[r[name] for r in own] for own in rows], float), rng)
         for name in ("spl", "collision_rate")
     }
     return {"success": near, **means, "each": [float(np.mean([r["success"] for r in own])) for own in rows]}

@@ -71,6 +71,11 @@ class ScenesConfig:
                 f"scenes.furniture {self.furniture!r} is for homes; it cannot be given with scenes.igibson"
             )
 
+    @property
+    def folders(self) -> tuple[str | None, ...]:
+        """All that are read; None where one is not given."""
+        return self.furniture, self.igibson, self.baked
+
 
 @config
 class SplitsConfig:

@@ -1,4 +1,4 @@
-"""Strict configuration: presets, ``--set a.b=value``, validation, and the claim on an output folder.
+"""Strict configuration: presets, ``--set a.b=value``, validation.
 
 Owns how a config is put together, checked, written and compared. What there is to configure stands
 in each package's ``config.py``.
@@ -7,7 +7,6 @@ in each package's ``config.py``.
 import dataclasses
 import difflib
 import os
-import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
@@ -16,8 +15,6 @@ from typing import Any, TypeVar, dataclass_transform
 
 import yaml
 from pydantic import ConfigDict, TypeAdapter, ValidationError
-
-from langwm_data import atomic
 
 CONFIG_FILE = "config.yaml"
 
@@ -30,8 +27,9 @@ class ConfigError(ValueError):
 
 @dataclass_transform(kw_only_default=True, frozen_default=True)
 def config(cls: type[T]) -> type[T]:
-    """Make ``cls`` a frozen, keyword-only dataclass that refuses unknown fields when validated."""
-    cls.__pydantic_config__ = ConfigDict(extra="forbid")  # pyright: ignore[reportAttributeAccessIssue]
+    """Make ``cls`` a frozen, keyword-only dataclass that refuses unknown fields, NaN and infinity."""
+    strict = ConfigDict(extra="forbid", allow_inf_nan=False)
+    cls.__pydantic_config__ = strict  # pyright: ignore[reportAttributeAccessIssue]
     return dataclass(frozen=True, kw_only=True)(cls)
 
 
@@ -149,60 +147,6 @@ def differing_fields(old: Mapping[str, Any], new: Mapping[str, Any], prefix: str
         elif not _is_same(a, b):
             lines.append(f"{prefix}{key} ({a!r} there, {b!r} asked for)")
     return lines
-
-
-def claim_output(out: Path, value: Any, *, fresh: bool = False, may_differ: Sequence[str] = ()) -> None:  # noqa: ANN401
-    """Make ``out`` the folder of this config: write ``config.yaml``, or check the one that is there.
-
-    Several jobs may claim it at once: one writes, the others compare.
-
-    Args:
-        out: Folder of the run or dataset.
-        value: The resolved config.
-        fresh: Remove what an earlier run of this project left in ``out`` first.
-        may_differ: Top-level fields in which a resumed run may differ (how long to train).
-
-    Raises:
-        ConfigError: If ``out`` is a file, holds something that is not ours, or holds a run of a
-            different config; with ``fresh``, if what it holds is not of this kind of config.
-    """
-    if out.exists() and not out.is_dir():
-        raise ConfigError(f"--out {str(out)!r} is a file; give a folder")
-    path, text = out / CONFIG_FILE, config_to_yaml(value)
-    if _holds_something(out) and not path.is_file():
-        raise ConfigError(f"--out {str(out)!r} is not empty and holds no {CONFIG_FILE}; give a new folder")
-    new = config_to_dict(value)
-    if fresh and path.is_file():
-        _remove_run(out, read_mapping(path), new)
-    if not path.is_file() and atomic.create_text(path, text):
-        return
-    old = read_mapping(path)
-    if fields := differing_fields(_without(old, may_differ), _without(new, may_differ)):
-        raise ConfigError(
-            f"--out {str(out)!r} holds a run of another configuration: {'; '.join(fields)};"
-            " use another folder, the same configuration, or --fresh to start over"
-        )
-    if path.read_text("utf-8") != text:
-        atomic.write_text(path, text)
-
-
-def _holds_something(out: Path) -> bool:
-    """Whether there is more in ``out`` than what a job leaves that is only just claiming it."""
-    return out.is_dir() and not all(atomic.is_temporary(p.name, CONFIG_FILE) for p in out.iterdir())
-
-
-def _remove_run(out: Path, old: Mapping[str, Any], new: Mapping[str, Any]) -> None:
-    """Remove ``out``, unless its ``config.yaml`` is of another kind: then it may be anybody's folder."""
-    if not old or not set(old) <= set(new):
-        raise ConfigError(
-            f"--fresh would remove {str(out)!r}, whose {CONFIG_FILE} is not of this command;"
-            " remove the folder yourself or give a new one"
-        )
-    shutil.rmtree(out)
-
-
-def _without(values: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
-    return {name: value for name, value in values.items() if name not in names}
 
 
 def read_mapping(path: Path) -> dict[str, Any]:

@@ -14,8 +14,9 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from langwm_data import atomic
+from langwm_data.claim import Kind, claim_output
 from langwm_data.config import DatasetConfig
-from langwm_data.config_io import CONFIG_FILE, ConfigError, claim_output
+from langwm_data.config_io import CONFIG_FILE, ConfigError
 from langwm_data.frames import BakeTask, RenderWorker
 from langwm_data.plan import SPLITS, ShardTask
 from langwm_data.remote import RemoteFolder, is_url
@@ -28,6 +29,8 @@ from langwm_data.sim.render import describe_renderer
 from langwm_data.workers import Report, WorkerFactory
 
 FINGERPRINT_FILE = f"{WORK_DIR}/fingerprint"
+_INDEX_DIR = str(Path(FRAMES_FILE).parent)
+_KIND = Kind(writes=(MANIFEST_FILE, CARD_FILE, _INDEX_DIR, SCENES_DIR, ASSETS_DIR, WORK_DIR, *SPLITS))
 
 
 class Output(Protocol):
@@ -93,7 +96,7 @@ class LocalOutput:
 
     def claim(self, config: DatasetConfig, *, fresh: bool) -> None:
         """Make it the folder of this config, or refuse; ranges may do so at once."""
-        claim_output(self.folder, config, fresh=fresh)
+        claim_output(self.folder, config, _KIND, fresh=fresh, reads=config.scenes.folders)
 
     def announce(self) -> None:
         """Nothing to do: everyone reads the folder."""
@@ -142,7 +145,8 @@ class RemoteOutput:
     def claim(self, config: DatasetConfig, *, fresh: bool) -> None:
         """Make it the place of this config, or refuse."""
         try:
-            claim_output(self.folder, config, fresh=fresh)
+            # --fresh removes no URL, so it must not be offered either.
+            claim_output(self.folder, config, _KIND, fresh=fresh, reads=[self.folder])
         except ConfigError as error:
             raise ConfigError(str(error).replace(str(self.folder), self._remote.url)) from None
 
@@ -164,7 +168,7 @@ class RemoteOutput:
     def remove_leftovers(self) -> None:
         """Remove what a finished dataset needs no more."""
         self._remote.remove(WORK_DIR)
-        for folder in ("", "index", SCENES_DIR, ASSETS_DIR, *SPLITS):
+        for folder in ("", _INDEX_DIR, SCENES_DIR, ASSETS_DIR, *SPLITS):
             for name in self._remote.names(folder):
                 if Path(name).name.startswith(".") and name.endswith(".tmp"):
                     self._remote.remove(name)

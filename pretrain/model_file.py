@@ -103,6 +103,8 @@ def load_model_file(folder: Path) -> ModelFile:
         raise ValueError(f"{str(folder)!r} holds no pretrained autoencoder ({_CONFIG} and {_WEIGHTS})")
     try:
         held = json.loads((folder / _CONFIG).read_text("utf-8"))
+        if "system" in held:
+            raise ValueError(f"{str(folder)!r} holds an agent of train-agent, not a pretrained autoencoder")
         version = held["schema_version"]
         if version != SCHEMA_VERSION:
             raise ValueError(

@@ -13,18 +13,19 @@ from typing import Any
 import torch
 
 from langwm_data import atomic
-from langwm_data.config_io import CONFIG_FILE, ConfigError, claim_output
+from langwm_data.claim import Kind, check_output, claim_output
+from langwm_data.config_io import CONFIG_FILE, ConfigError
 from langwm_data.png import encode_png
 from langwm_data.shards.dataset import ShardDataset
 from pretrain.average import WeightAverage
 from pretrain.batch import MAEBatch
-from pretrain.checkpoint import latest_checkpoint, load_checkpoint, save_checkpoint
+from pretrain.checkpoint import CHECKPOINTS, latest_checkpoint, load_checkpoint, save_checkpoint
 from pretrain.config import PretrainConfig
 from pretrain.dataset import FrameDataset, batch_numbers, open_split
 from pretrain.interrupt import stop_requests
 from pretrain.language import FrozenText
 from pretrain.mae import LanguageGroundedMAE
-from pretrain.metrics import MetricsLogger
+from pretrain.metrics import METRICS_FILE, TENSORBOARD, MetricsLogger
 from pretrain.model_file import MODEL_FOLDER, Intrinsics
 from pretrain.optim import Optimizer
 from pretrain.pictures import mae_panel
@@ -35,6 +36,7 @@ from pretrain.validation import make_validation_batch, validate
 log = logging.getLogger(__name__)
 
 PICTURES = "pictures"
+_KIND = Kind(writes=(METRICS_FILE, TENSORBOARD, PICTURES, CHECKPOINTS, MODEL_FOLDER), may_differ=("steps",))
 Progress = Callable[[int, int], None]
 
 
@@ -91,12 +93,14 @@ def pretrain_mae(
         check_shares(config.batch_size, config.optimizer.accumulate, team)
         frames = _open_frames(config, data)
         text = FrozenText(config.text, usable_device(own_device(config.device)))
+        reads = (data, config.text.model)
+        check_output(out, config, _KIND, fresh=fresh, reads=reads)
         held = None if fresh else _load(out, frames.fingerprint, own_device(config.device))
         team.wait()  # before the first begins a fresh run
         if held is not None:
             config = replace(config, steps=max(config.steps, held[0]))  # what is done stays done
         if team.is_first:
-            claim_output(out, config, fresh=fresh, may_differ=("steps",))
+            claim_output(out, config, _KIND, fresh=fresh, reads=reads)
         learner = _make_learner(config, text, frames.train.intrinsics, held)
         if learner.step >= config.steps:
             log.info("%s has finished its %d steps; --fresh starts over", out, learner.step)

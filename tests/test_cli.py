@@ -38,6 +38,10 @@ def refuse(capsys, *arguments: str) -> str:
         (["render-dataset", "--out", "x", "--set", "camera.heigth=64"], "did you mean 'height'?"),
         (["render-dataset", "--out", "x", "--set", "camera.height=tall"], "'camera.height': value 'tall'"),
         (["render-dataset", "--out", "x", "--set", "frames"], "is not of the form a.b=value"),
+        (
+            ["render-dataset", "--out", "x", "--set", "camera.far_m=.inf"],
+            "inf is not allowed: input should be",
+        ),
         (["render-dataset", "--out", "x", "--frames", "0"], "'frames': value 0 is not allowed"),
         (["inspect", "nowhere"], "nowhere"),
         (["inspect", "nowhere", "key", "--plots", "x"], "--gallery and --plots are of the whole dataset"),
@@ -51,6 +55,10 @@ def refuse(capsys, *arguments: str) -> str:
             "'split': value 'val'",
         ),
         (["train-agent", "--out", "x", "--preset", "debug", "--system", "hal"], "'hal'"),
+        (
+            ["train-agent", "--out", "x", "--set", "env.reward.progress=.nan"],
+            "field 'env.reward.progress': value nan is not allowed: input should be a finite number",
+        ),
         (["train-agent", "--out", "x", "--preset", "debug", "--mae", "nowhere"], "nowhere"),
         (
             ["train-agent", "--out", "x", "--system", "curl", "--set", "env.id=Nothing-v0"],
@@ -234,6 +242,16 @@ def test_help_imports_no_heavy_package():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=root, check=False)
     assert done.returncode == 0, done.stderr
     assert "render-dataset" in done.stdout
+
+
+def test_a_level_of_logging_that_there_is_not_is_refused(monkeypatch, capsys):
+    monkeypatch.setenv("LANGWM_LOG", "loud")
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 2
+    heard = capsys.readouterr().err
+    assert heard.startswith("langwm: LANGWM_LOG 'loud' is no level; allowed: CRITICAL, ")
+    assert len(heard.splitlines()) == 1
 
 
 def test_plain_progress_says_rate_and_remaining_time(capsys):

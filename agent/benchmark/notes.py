@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 from agent.benchmark.results import CellResult, Results
 from agent.benchmark.rows import row_of
-from agent.config import AgentConfig
+from agent.config import AgentConfig, EnvConfig
+from agent.envs.protocols import success_radius
 from agent.systems.registry import SYSTEMS
 
 LETTERS = "abcdefghijklmnopqrstuvwxyz"
@@ -30,10 +31,16 @@ def table_notes(results: Results) -> list[str]:
         f" scored on goals {edges[0]:g} to {edges[-1]:g} m away on floors and textures never trained on."
         " Rows in italics are the paper's: 100,000 steps, 128 x 160 pixels, goals 1 to 10 m away, in another"
         " simulator, without intervals. The order of systems may be compared, numbers of the two may not.",
-        "SR: success rate in per cent; on one floor with Wilson's interval over the episodes of all seeds."
-        " Averages over floors: intervals from a bootstrap over seeds and then episodes, of rates never"
-        " narrower than Wilson's. SPL: success weighted by path length. All intervals at 95 %.",
+        _task(base.env),
+        "SR: success rate in per cent. SPL: success weighted by path length. All intervals at 95 %: of rates"
+        " of one seed Wilson's; else from a bootstrap over seeds and over the episodes, which are the same"
+        " for all seeds, of rates never narrower than Wilson's of as many episodes as those are worth.",
     ]
+    if len(counts := {len(played.task) for played in results.played["test"].values()}) > 1:
+        notes.append(
+            f"Not all systems have played as many episodes yet: {min(counts)} to {max(counts)} with every"
+            " seed. Differences are of those that both played."
+        )
     seeds = {len(played.seeds) for played in _learners(results)}
     if 1 in seeds:
         notes.append(
@@ -43,6 +50,18 @@ def table_notes(results: Results) -> list[str]:
     if missing := [r.cell.name for r in results.cells if r.record.state != "done"]:
         notes.append(f"Not finished, and counted as far as scored: {', '.join(missing)}.")
     return notes
+
+
+def _task(env: EnvConfig) -> str:
+    """What is asked of an agent, and how far away its goals were in training."""
+    edges = env.distance_edges_m
+    farthest = edges[-1] if env.drawn_tiers is None else edges[env.drawn_tiers]
+    end = "a stop" if env.protocol == "habitat" else "arriving"
+    return (
+        f"Task: protocol {env.protocol} ({end} within {success_radius(env)[1]:g} m of the goal), actions"
+        f" {env.action}, contacts {env.contacts}, at most {env.max_steps} steps; trained on goals"
+        f" {edges[0]:g} to {farthest:g} m away."
+    )
 
 
 def _learners(results: Results) -> list:

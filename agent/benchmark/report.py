@@ -8,9 +8,9 @@ from pathlib import Path
 
 from agent.benchmark.curves import curves_figure
 from agent.benchmark.grid import check_against
-from agent.benchmark.results import Results, read_results
+from agent.benchmark.results import Played, Results, read_results
 from agent.benchmark.rows import row_of
-from agent.benchmark.scores import differences, score_split
+from agent.benchmark.scores import difference, differences, score_split, shared
 from agent.benchmark.tables import Scores, cost_table, difference_table, main_table, tier_table
 from agent.benchmark.typeset import Table, to_latex, to_markdown
 from langwm_data import atomic
@@ -79,13 +79,21 @@ def _above_controls(results: Results, scores: Scores) -> str:
     controls = [name for name in BEATEN if name in scores and 0 in scores[name].tiers]
     if not learners or len(controls) < len(BEATEN):
         return ""
+    played = {name: results.played["train"][name] for name in (*learners, *controls)}
+    near = {name: own.where(own.tier == 0) for name, own in played.items()}
     bar = max(scores[name].tiers[0].success.mean for name in controls)
-    below = [row_of(n).title for n in learners if scores[n].tiers[0].success.mean <= bar]
+    below = [row_of(n).title for n in learners if not all(_is_above(near[n], near[c]) for c in controls)]
     edges = results.base.env.distance_edges_m
     place = f"on training floors, goals {edges[0]:g} to {edges[1]:g} m away"
-    count = f"{len(learners) - len(below)} of {len(learners)} learners succeed more often"
+    count = f"{len(learners) - len(below)} of {len(learners)} learners are shown to succeed more often"
     names = f" (not: {', '.join(below)})" if below else ""
     return f"Learned anything: {count} than random and straight ahead ({100 * bar:.1f} %) {place}{names}."
+
+
+def _is_above(first: Played, second: Played) -> bool:
+    """Whether the whole interval of the difference in success is above 0."""
+    both = shared(first, second)
+    return both is not None and difference(*both, "success").low > 0
 
 
 def _tables(results: Results, scores: Mapping[str, Scores], against: str) -> list[Table]:

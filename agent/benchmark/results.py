@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
@@ -25,8 +25,8 @@ from langwm_data.config_io import CONFIG_FILE, ConfigError, load_config_file
 from pretrain.metrics import read_metrics
 
 MEASURES = ("success", "spl", "soft_spl", "distance_to_goal", "collisions", "length")
-KEYS = ("scene", "episode")
-"""Columns that tell the episodes of a split apart."""
+KEYS = ("scene", "episode", "task")
+"""Columns that tell the episodes of a split apart: place, number, and checksum of what is to be done."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,6 +39,8 @@ class Played:
     """Floor of each episode."""
     episode: Int64[np.ndarray, " E"]
     """Number of each episode on its floor or in its split."""
+    task: Shaped[np.ndarray, " E"]
+    """Checksum of what is to be done in each episode."""
     tier: Int64[np.ndarray, " E"]
     """Distance tier."""
     values: Mapping[str, Float64[np.ndarray, "S E"]]
@@ -51,6 +53,7 @@ class Played:
             seeds=self.seeds,
             scene=self.scene[keep],
             episode=self.episode[keep],
+            task=self.task[keep],
             tier=self.tier[keep],
             values={name: values[:, keep] for name, values in self.values.items()},
         )
@@ -147,16 +150,17 @@ def _read_rows(out: Path, result: CellResult) -> pa.Table:
 
 
 def _stack(system: str, tables: Mapping[int, pa.Table]) -> Played:
-    """Put seeds beside one another.
+    """Put seeds beside one another, on the episodes that all of them have played so far.
 
     Raises:
-        ValueError: If one played other episodes than the first.
+        ValueError: If one played something else under the same number, or nothing that the others did.
     """
-    ordered = {seed: table.sort_by([(key, "ascending") for key in KEYS]) for seed, table in tables.items()}
-    first = next(iter(ordered.values()))
-    for seed, table in ordered.items():
-        if not table.select(KEYS).equals(first.select(KEYS)):
-            raise ValueError(f"{system}/seed-{seed} was scored on other episodes than the seeds before it")
+    tasks = sorted(_shared_tasks(system, tables))
+    order: list[tuple[str, Literal["ascending", "descending"]]] = [(key, "ascending") for key in KEYS]
+    ordered = {
+        seed: table.filter(pc.field("task").isin(tasks)).sort_by(order) for seed, table in tables.items()
+    }
+    one = next(iter(ordered.values()))
     values = {
         name: np.array([table[name].to_numpy().astype(np.float64) for table in ordered.values()])
         for name in MEASURES
@@ -164,8 +168,23 @@ def _stack(system: str, tables: Mapping[int, pa.Table]) -> Played:
     return Played(
         system=system,
         seeds=tuple(ordered),
-        scene=np.array(first["scene"].to_pylist(), dtype=np.str_),
-        episode=first["episode"].to_numpy(),
-        tier=first["tier"].to_numpy(),
+        scene=np.array(one["scene"].to_pylist(), dtype=np.str_),
+        episode=one["episode"].to_numpy(),
+        task=np.array(one["task"].to_pylist(), dtype=np.str_),
+        tier=one["tier"].to_numpy(),
         values=values,
     )
+
+
+def _shared_tasks(system: str, tables: Mapping[int, pa.Table]) -> set[str]:
+    """What all seeds have played."""
+    keys = {
+        seed: set(zip(*(table[key].to_pylist() for key in KEYS), strict=True))
+        for seed, table in tables.items()
+    }
+    first, common = next(iter(keys.values())), set.intersection(*keys.values())
+    for seed, own in list(keys.items())[1:]:
+        numbers = [{(scene, episode) for scene, episode, _ in some} for some in (first, own)]
+        if not common or len(numbers[0] & numbers[1]) > len(first & own):
+            raise ValueError(f"{system}/seed-{seed} was scored on other episodes than the seeds before it")
+    return {task for *_, task in common}

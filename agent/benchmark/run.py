@@ -13,26 +13,32 @@ from pathlib import Path
 import torch
 
 from agent.benchmark.cells import CellWorker, is_done, units_of
-from agent.benchmark.grid import EPISODES, Cell, GridConfig, base_config, cell_config, cells_of, is_grid
+from agent.benchmark.grid import (
+    EPISODES,
+    Cell,
+    GridConfig,
+    base_config,
+    cell_config,
+    cells_of,
+    known_systems,
+)
 from agent.benchmark.record import Record, read_record, write_record
-from agent.benchmark.report import write_reports
+from agent.benchmark.report import LATEX_FILE, MARKDOWN_FILE, PAGE_FILE, write_reports
 from agent.config import AgentConfig
 from agent.systems.registry import find_system
 from agent.systems.system import Spaces
-from langwm_data.config_io import (
-    CONFIG_FILE,
-    ConfigError,
-    claim_output,
-    config_to_dict,
-    differing_fields,
-    read_mapping,
-)
+from langwm_data.claim import Kind, check_output, claim_output
+from langwm_data.config_io import CONFIG_FILE, ConfigError, config_to_dict, differing_fields, read_mapping
 from langwm_data.engines import Engine, Pool, RayPool, check_engine
 from langwm_data.workers import WorkerPool
 from pretrain.train import usable_device
 
 JOIN_S = 120.0
 """How long interrupted cells may take to save themselves."""
+_KIND = Kind(
+    writes=(LATEX_FILE, MARKDOWN_FILE, PAGE_FILE, *known_systems()),
+    may_differ=("systems", "seeds", "episodes", "mae", "against"),
+)
 Progress = Callable[[int, int], None]
 
 log = logging.getLogger(__name__)
@@ -70,7 +76,7 @@ def run_benchmark(
     check_grid(grid, out, fresh=fresh)
     if engine == "local":  # the machines of a cluster may have what this one lacks
         check_learners(grid)
-    claim_output(out, grid, fresh=fresh, may_differ=("systems", "seeds", "episodes", "mae", "against"))
+    claim_output(out, grid, _KIND, fresh=fresh, reads=_reads(grid))
     cells = cells_of(grid)
     todo = [cell for cell in cells if not is_done(grid, cell, read_record(out, cell))]
     if todo:
@@ -93,10 +99,6 @@ def check_grid(grid: GridConfig, out: Path, *, fresh: bool) -> None:
         ConfigError: If a cell cannot be trained so, or ``out`` holds another grid or cells that were
             trained otherwise.
     """
-    if out.exists() and not out.is_dir():
-        raise ConfigError(f"--out {str(out)!r} is a file; give a folder")
-    if (out / CONFIG_FILE).is_file() and not is_grid(out):
-        raise ConfigError(f"--out {str(out)!r} holds something else than a grid; give a new folder")
     if unwanted := [system for system in grid.mae if system not in grid.systems]:
         raise ConfigError(f"--mae names a run for {unwanted[0]}, which is not among the systems")
     wanted = base_config(grid).eval_episodes
@@ -104,6 +106,11 @@ def check_grid(grid: GridConfig, out: Path, *, fresh: bool) -> None:
         config = None if cell.is_control else cell_config(grid, cell)
         if not fresh:
             _check_begun(cell, config, wanted, out)
+    check_output(out, grid, _KIND, fresh=fresh, reads=_reads(grid))
+
+
+def _reads(grid: GridConfig) -> list[str | None]:
+    return [*grid.mae.values(), *base_config(grid).env.scenes.folders]
 
 
 def _check_begun(cell: Cell, config: AgentConfig | None, wanted: int, out: Path) -> None:

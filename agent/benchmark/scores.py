@@ -1,24 +1,18 @@
 """From episodes to the numbers of the tables: rates, means and differences with their intervals.
 
-Owns which interval is taken of what: Wilson's for a success rate on one floor, a bootstrap over episodes
-for a mean on one floor, a bootstrap over seeds and then episodes for what goes over floors (of a rate never
-narrower than Wilson's), and one over seeds and shared episodes for differences between systems.
+Owns which interval is taken of what: a bootstrap over seeds and the episodes that all of them played, for
+differences those that both systems played; of a success rate never narrower than Wilson's.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from agent.benchmark.results import Played, Results
-from agent.scoring.statistics import (
-    hierarchical_bootstrap_interval,
-    pooled_rate_interval,
-    shared_episodes_interval,
-    wilson_interval,
-)
+from agent.scoring.statistics import seeds_interval, seeds_rate_interval, shared_episodes_interval
 from langwm_data.seeding import make_rng
-from pretrain.statistics import Interval, bootstrap_interval
+from pretrain.statistics import Interval
 
 COMPARED = ("success", "spl", "soft_spl")
 """Measures whose differences are shown."""
@@ -58,9 +52,9 @@ def score_system(played: Played, split: str) -> SystemScores:
     return SystemScores(
         system=played.system,
         seeds=played.seeds,
-        floors={name: _floor_score(part, split, name) for name, part in floors.items()},
-        average=_wide_score(played, split, "all"),
-        tiers={tier: _wide_score(part, split, f"tier {tier}") for tier, part in tiers.items()},
+        floors={name: _score(part, split, name) for name, part in floors.items()},
+        average=_score(played, split, "all"),
+        tiers={tier: _score(part, split, f"tier {tier}") for tier, part in tiers.items()},
     )
 
 
@@ -70,51 +64,35 @@ def score_split(results: Results, split: str) -> dict[str, SystemScores]:
 
 
 def differences(results: Results, split: str, against: str) -> dict[str, dict[str, Interval]]:
-    """Every other system minus ``against``, by measure; only where both played the same episodes."""
+    """Every other system minus ``against``, by measure, on the episodes that both played."""
     played = results.played[split]
     reference = played.get(against)
     if reference is None:
         return {}
+    pairs = {name: both for name in played if name != against and (both := shared(played[name], reference))}
     return {
-        name: {measure: difference(other, reference, measure) for measure in COMPARED}
-        for name, other in played.items()
-        if name != against and _are_shared(other, reference)
+        name: {measure: difference(*both, measure) for measure in COMPARED} for name, both in pairs.items()
     }
 
 
 def difference(first: Played, second: Played, measure: str) -> Interval:
-    """Mean of one system minus that of another on the episodes that both played."""
+    """Mean of one system minus that of another; both played the same episodes (see ``shared``)."""
     rng = make_rng(0, "benchmark difference", first.system, second.system, measure)
     return shared_episodes_interval(first.values[measure], second.values[measure], rng)
 
 
-def _are_shared(first: Played, second: Played) -> bool:
-    return np.array_equal(first.scene, second.scene) and np.array_equal(first.episode, second.episode)
+def shared(first: Played, second: Played) -> tuple[Played, Played] | None:
+    """Both on the episodes that both played; None where there are none."""
+    keep = [np.isin(a.task, b.task) for a, b in ((first, second), (second, first))]
+    return (first.where(keep[0]), second.where(keep[1])) if keep[0].any() else None
 
 
-def _floor_score(played: Played, split: str, floor: str) -> Score:
-    """Seeds are pooled: the interval is of these trained agents, whatever others would do."""
-
-    def interval(measure: str) -> Interval:
-        values = played.values[measure].ravel()
-        if measure == "success":
-            return wilson_interval(int(values.sum()), values.size)
-        rng = make_rng(0, "benchmark floor", played.system, split, floor, measure)
-        return bootstrap_interval(values, rng, resamples=1000)
-
-    return _score(played, interval)
-
-
-def _wide_score(played: Played, split: str, part: str) -> Score:
+def _score(played: Played, split: str, part: str) -> Score:
     def interval(measure: str) -> Interval:
         rng = make_rng(0, "benchmark", played.system, split, part, measure)
-        over_seeds = pooled_rate_interval if measure == "success" else hierarchical_bootstrap_interval
-        return over_seeds(list(played.values[measure]), rng)
+        of_seeds = seeds_rate_interval if measure == "success" else seeds_interval
+        return of_seeds(played.values[measure], rng)
 
-    return _score(played, interval)
-
-
-def _score(played: Played, interval: Callable[[str], Interval]) -> Score:
     values = played.values
     return Score(
         num_episodes=values["success"].shape[1],

@@ -1,5 +1,6 @@
 """The environment: what is seen, driven in, rewarded and counted."""
 
+import json
 import math
 from dataclasses import field
 from itertools import pairwise
@@ -23,6 +24,14 @@ def _ascending(edges: tuple[float, ...]) -> tuple[float, ...]:
     if len(edges) < 2 or edges[0] <= 0 or any(a >= b for a, b in pairwise(edges)):
         raise ValueError("give at least two positive distances in ascending order")
     return edges
+
+
+def _finite(kwargs: dict[str, Any]) -> dict[str, Any]:
+    try:
+        json.dumps(kwargs, allow_nan=False, default=str)
+    except ValueError:
+        raise ValueError("all numbers should be finite") from None
+    return kwargs
 
 
 @config
@@ -71,7 +80,7 @@ class EnvConfig:
     """Another environment, named as ``gymnasium.make`` names it (``module:Name`` imports the module first).
     Of the fields below it reads ``kwargs``, ``pixels`` and the camera's size alone. None: PointGoal
     navigation."""
-    kwargs: dict[str, Any] = field(default_factory=dict, hash=False)
+    kwargs: Annotated[dict[str, Any], AfterValidator(_finite)] = field(default_factory=dict, hash=False)
     """What ``gymnasium.make`` is given beside ``id``."""
     pixels: bool = False
     """Frames of ``id`` are what it renders; they take the place of an observation that is one vector."""

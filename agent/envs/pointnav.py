@@ -111,16 +111,19 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
         """Begin an episode: a drawn one, or ``options["episode"]`` (an ``Episode`` or its dict).
 
         Raises:
-            ValueError: If an option is unknown, or the given episode cannot be played here.
+            ValueError: If an option is unknown, or the given episode cannot be played here. The episode
+                before goes on then, or, where only the robot found no place, has ended.
         """
-        super().reset(seed=seed)
-        if seed is not None:
-            self._next_floor = seed % len(self.scene_names)
         if unknown := set(options or {}) - {"episode"}:
             raise ValueError(f"reset option {sorted(unknown)[0]!r} is unknown; allowed: 'episode'")
         given = (options or {}).get("episode")
-        episode = self._draw_episode() if given is None else given
-        self._begin(episode if isinstance(episode, Episode) else Episode.from_dict(episode))
+        if given is not None:
+            given = given if isinstance(given, Episode) else Episode.from_dict(given)
+            self._way_of(given)
+        super().reset(seed=seed)
+        if seed is not None:
+            self._next_floor = seed % len(self.scene_names)
+        self._begin(self._draw_episode() if given is None else given)
         return self._observe(), self._info()
 
     def step(self, action: np.ndarray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -189,18 +192,28 @@ class PointNavEnv(gymnasium.Env[Observation, np.ndarray]):
             self._sites[name] = Site(scene, self.config)
         return self._sites[name]
 
-    def _begin(self, episode: Episode) -> None:
+    def _way_of(self, episode: Episode) -> tuple[DistanceField, float]:
+        """Ways to an episode's goal, and how long the one from its start is.
+
+        Raises:
+            ValueError: If its scene is none of this environment's, or there is no way.
+        """
         if episode.scene not in self.scene_names:
             known = ", ".join(self.scene_names)
             raise ValueError(f"episode plays in scene {episode.scene!r}; this environment has {known}")
-        self.episode = episode
-        self._site = self._get_site(episode.scene)
-        self._field = self._site.distance_field(episode.goal_xy)
-        distance = float(self._field.distance(episode.start_xy))
+        field = self._get_site(episode.scene).distance_field(episode.goal_xy)
+        distance = float(field.distance(episode.start_xy))
         if not math.isfinite(distance):
             raise ValueError(f"episode in scene {episode.scene!r}: no way leads from its start to its goal")
+        return field, distance
+
+    def _begin(self, episode: Episode) -> None:
+        field, distance = self._way_of(episode)
+        site = self._get_site(episode.scene)
+        self._is_running = False  # the world is no longer that of the episode before
+        self._state = site.world.reset(episode.start_xy, episode.start_yaw)
+        self._field, self._site, self.episode = field, site, episode
         self._show_scene(episode)
-        self._state = self._site.world.reset(episode.start_xy, episode.start_yaw)
         self._measures = EpisodeMeasures(
             geodesic_distance=distance, position=episode.start_xy, distance_to_goal=distance
         )

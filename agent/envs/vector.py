@@ -162,11 +162,7 @@ class RemoteEnv(gymnasium.Env):
         if self._asked is None:
             self.ask_reset(seed, options)
         command, answer = self._take()
-        if command[1][0] is not None:
-            self._resets.clear()
-        self._resets.append(command)
-        self._steps.clear()
-        self._restarts = 0
+        self._note(command)
         return answer
 
     def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
@@ -174,7 +170,7 @@ class RemoteEnv(gymnasium.Env):
         if self._asked is None:
             self.ask_step(action)
         command, answer = self._take()
-        self._steps.append(command)
+        self._note(command)
         return answer
 
     def render(self) -> Any:  # noqa: ANN401
@@ -186,10 +182,10 @@ class RemoteEnv(gymnasium.Env):
         return getattr(self, name) if hasattr(self, name) else self._answer(("attribute", name))
 
     def drain(self) -> None:
-        """Forget an answer that nobody will take."""
+        """Forget an answer that nobody will take; what was asked for has been done all the same."""
         if self._asked is not None:
             with suppress(Exception):
-                self._take()
+                self._note(self._take()[0])
             self._asked = None
 
     def close(self) -> None:
@@ -197,6 +193,18 @@ class RemoteEnv(gymnasium.Env):
         if not self._is_closed:
             self._is_closed = True
             self._end(_JOIN_S)
+
+    def _note(self, command: Command) -> None:
+        """Remember what a new process has to do to stand where this one does."""
+        kind, value = command
+        if kind == "step":
+            self._steps.append(command)
+        if kind == "reset":
+            if value[0] is not None:
+                self._resets.clear()
+            self._resets.append(command)
+            self._steps.clear()
+            self._restarts = 0
 
     def _start(self) -> None:
         context = multiprocessing.get_context("spawn")

@@ -26,6 +26,7 @@ from langwm_data import atomic
 from langwm_data.config_io import ConfigError
 from langwm_data.seeding import derive_seed, make_rng
 from pretrain.statistics import Interval, bootstrap_interval
+from pretrain.train import usable_device
 
 Progress = Callable[[int, int], None]
 RANDOM = "random"
@@ -91,9 +92,11 @@ def evaluate_anywhere(
         progress: Called with episodes done and in all.
 
     Raises:
-        ConfigError: If the environment cannot be made, or making it would import a module that the run names.
+        ConfigError: If the device cannot be used, the environment cannot be made, or making it would import a
+            module that the run names.
         ValueError: If there is no trained agent.
     """
+    usable_device(device)
     agent = Agent.from_pretrained(run, device)
     if env is None and ":" in (agent.env.id or ""):
         raise ConfigError(

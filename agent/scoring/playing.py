@@ -62,13 +62,23 @@ def play_all(
 
 
 def keep_rows(out: Path, players: Sequence[Player], rows: Sequence[Row], episodes: EpisodeSet) -> None:
-    """Write the rows of an evaluation beside the older ones that are still true."""
+    """Write the rows of an evaluation beside the older ones that are still true.
+
+    Those of a player that has learned since are not, and those of other episodes of the split would make one
+    score of two sets. A longer list that begins with these episodes stays, and so does its checksum.
+    """
     identities = {player.system: player.identity for player in players}
     older = [*read_rows(out), *Journal(out).read()]
     kept = {key_of(r): r for r in older if r.get("player") == identities.get(r["system"], r.get("player"))}
+    tasks = {(e.scene, number): task_of(e) for number, e in numbered(episodes.episodes)}
+    same_split = [r for r in kept.values() if r["split"] == episodes.split]
+    if any(tasks.get(_place_of(r), r.get("task")) != r.get("task") for r in same_split):
+        kept = {key: r for key, r in kept.items() if r["split"] != episodes.split}
+        same_split = []
     new = {key_of(row): row for row in rows}
     others = [kept[key] for key in sorted(kept) if key not in new]
-    write_rows(out, [*new.values(), *others], episodes)
+    is_longest = all(_place_of(r) in tasks for r in same_split)
+    write_rows(out, [*new.values(), *others], episodes if is_longest else None)
     Journal(out).remove()
 
 
@@ -121,6 +131,10 @@ def numbered(episodes: Sequence[Episode]) -> list[tuple[int, Episode]]:
         taken[episode.scene] = number + 1
         result.append((number, episode))
     return result
+
+
+def _place_of(row: Row) -> tuple[str, int]:
+    return row["scene"], row["episode"]
 
 
 def _known(

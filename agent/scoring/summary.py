@@ -1,6 +1,6 @@
 """From rows of episodes to scores with intervals, and to differences between systems on shared episodes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -9,11 +9,7 @@ from jaxtyping import Float64
 from scipy.stats import binomtest
 
 from agent.scoring.rows import Row
-from agent.scoring.statistics import (
-    hierarchical_bootstrap_interval,
-    pooled_rate_interval,
-    wilson_interval,
-)
+from agent.scoring.statistics import seeds_interval, seeds_rate_interval, wilson_interval
 from langwm_data.seeding import make_rng
 from pretrain.statistics import Interval, percentiles
 
@@ -155,14 +151,7 @@ def summarise(rows: Sequence[Row]) -> Summary:
 
 def compare(rows: Sequence[Row], first: str, second: str) -> list[Difference]:
     """How ``first`` differs from ``second`` on the episodes of each split that both played."""
-    of = {
-        name: {
-            (r["split"], r["scene"], r["episode"], r.get("task") or ""): r
-            for r in rows
-            if r["system"] == name
-        }
-        for name in (first, second)
-    }
+    of = {name: _by_episode(r for r in rows if r["system"] == name) for name in (first, second)}
     shared = sorted(set(of[first]) & set(of[second]))
     found = []
     for split in sorted({key[0] for key in shared}):
@@ -195,7 +184,9 @@ def mcnemar_exact(only_first: int, only_second: int) -> float:
 
 
 def pool_runs(rows: Sequence[Row], runs: Mapping[str, str]) -> list[Score]:
-    """Scores of systems that several runs were trained of; intervals by runs first, then episodes.
+    """Scores of systems that several runs were trained of, on the episodes that all of them played.
+
+    Intervals are over runs and episodes.
 
     Args:
         rows: Under ``system`` they have the names of the runs.
@@ -205,19 +196,26 @@ def pool_runs(rows: Sequence[Row], runs: Mapping[str, str]) -> list[Score]:
     for system in sorted(set(runs.values())):
         names = [name for name, of in runs.items() if of == system]
         for split in sorted({row["split"] for row in rows}) if len(names) > 1 else ():
-            own = [[r for r in rows if (r["system"], r["split"]) == (name, split)] for name in names]
+            own = [_by_episode(r for r in rows if (r["system"], r["split"]) == (n, split)) for n in names]
+            shared = sorted(set.intersection(*(set(run) for run in own)))
             rng = make_rng(0, "pooled", system, split)
-            columns = {m: [np.array([r[m] for r in run], float) for run in own] for m in ("success", *MEANS)}
+            columns = {
+                m: np.array([[run[k][m] for k in shared] for run in own], float) for m in ("success", *MEANS)
+            }
             scores.append(
                 Score(
                     system=f"{system}, {len(names)} runs",
                     split=split,
-                    num_episodes=sum(map(len, own)),
-                    success=pooled_rate_interval(columns["success"], rng),
-                    means={m: hierarchical_bootstrap_interval(columns[m], rng) for m in MEANS},
+                    num_episodes=len(own) * len(shared),
+                    success=seeds_rate_interval(columns["success"], rng),
+                    means={m: seeds_interval(columns[m], rng) for m in MEANS},
                 )
             )
     return scores
+
+
+def _by_episode(rows: Iterable[Row]) -> dict[tuple[str, str, int, str], Row]:
+    return {(r["split"], r["scene"], r["episode"], r.get("task") or ""): r for r in rows}
 
 
 def _score(system: str, split: str, tier: int | None, scene: str | None, rows: Sequence[Row]) -> Score:

@@ -157,6 +157,8 @@ def read_config(folder: Path) -> tuple[AgentConfig, Spaces]:
         raise ValueError(f"{str(folder)!r} holds no trained agent ({CONFIG_FILE} and {WEIGHTS_FILE})")
     try:
         held: dict[str, Any] = json.loads(path.read_text("utf-8"))
+        if "mae" in held:
+            raise ValueError(f"{str(folder)!r} holds an autoencoder of pretrain-mae, not a trained agent")
         version = held["schema_version"]
         if version != SCHEMA_VERSION:
             raise ValueError(f"{path} has schema version {version}; this program reads {SCHEMA_VERSION}")

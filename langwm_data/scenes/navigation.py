@@ -185,8 +185,8 @@ class FreeSpace:
 class DistanceField:
     """Lengths of the shortest ways to one goal.
 
-    What the goal sees is measured straight; beyond, ways run over the grid in sixteen directions,
-    which makes them at most 2.8 % too long.
+    What the goal sees is measured straight; beyond, ways run over the grid in sixteen directions, which makes
+    them at most 2.8 % too long, and around gaps that are too tight for the grid (ADR-0005).
     """
 
     space: FreeSpace

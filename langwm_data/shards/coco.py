@@ -18,13 +18,14 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal, TextIO
+from typing import Any, Literal, TextIO, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from langwm_data import atomic
-from langwm_data.config_io import ConfigError, claim_output, config
+from langwm_data.claim import Kind, claim_output
+from langwm_data.config_io import ConfigError, config
 from langwm_data.labels.amodal import AmodalExtent
 from langwm_data.png import encode_png
 from langwm_data.scenes.spec import Split
@@ -36,6 +37,7 @@ from langwm_data.shards.sample import Sample
 
 ANNOTATIONS_DIR = "annotations"
 DONE_FILE = "done"
+_KIND = Kind(writes=(ANNOTATIONS_DIR, DONE_FILE, *get_args(Split)))
 
 _LICENSE = {"id": 1, "name": "Apache-2.0", "url": "https://www.apache.org/licenses/LICENSE-2.0"}
 
@@ -80,7 +82,7 @@ def export_coco(
     dataset = ShardDataset(path)
     if dataset.path.resolve().is_relative_to(out.resolve()):
         raise ConfigError(f"--out {str(out)!r} holds the dataset itself; give a new folder")
-    claim_output(out, CocoExport(dataset=dataset.manifest.fingerprint), fresh=fresh)
+    claim_output(out, CocoExport(dataset=dataset.manifest.fingerprint), _KIND, fresh=fresh, reads=[path])
     if (out / DONE_FILE).is_file():
         _log.info("the export at %s is complete; nothing to do", out)
         return out

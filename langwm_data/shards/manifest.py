@@ -138,7 +138,7 @@ def read_manifest(folder: Path) -> Manifest:
     if not path.is_file():
         raise DatasetError(f"no finished dataset at {str(folder)!r}: it has no {MANIFEST_FILE}")
     text = path.read_bytes()
-    version = _schema_version(text)
+    version = _schema_version(path, text)
     if version != SCHEMA_VERSION:
         raise DatasetError(f"{path}: dataset schema version {version}; this program reads {SCHEMA_VERSION}")
     try:
@@ -155,9 +155,11 @@ def read_manifest(folder: Path) -> Manifest:
     return manifest
 
 
-def _schema_version(text: bytes) -> Any:  # noqa: ANN401
+def _schema_version(path: Path, text: bytes) -> Any:  # noqa: ANN401
     try:
         document = json.loads(text)
-    except (ValueError, RecursionError):
-        return None
-    return document.get("schema_version") if isinstance(document, dict) else None
+    except (ValueError, RecursionError) as error:
+        raise DatasetError(f"{path} is damaged: it is not JSON") from error
+    if not isinstance(document, dict) or "schema_version" not in document:
+        raise DatasetError(f"{path} is damaged: it has no schema_version")
+    return document["schema_version"]

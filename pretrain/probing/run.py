@@ -13,7 +13,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from langwm_data import atomic
-from langwm_data.config_io import claim_output, config_to_dict
+from langwm_data.claim import Kind, claim_output
+from langwm_data.config_io import config_to_dict
 from langwm_data.seeding import make_rng
 from pretrain.config import ProbeConfig
 from pretrain.language import FrozenText
@@ -31,8 +32,10 @@ from pretrain.probing.report import REPORT_FILE, draw_grounding, render_report
 from pretrain.probing.scene import DepthPrior, ProbeScene, make_probe_scene
 from pretrain.probing.scores import FeatureScore, score_features
 from pretrain.probing.subject import Subject, open_subject, split_of
+from pretrain.train import usable_device
 
 ROWS_FILE, FEATURES_FILE, SUMMARY_FILE = "probe.parquet", "features.parquet", "probe.json"
+_KIND = Kind(writes=(ROWS_FILE, FEATURES_FILE, SUMMARY_FILE, REPORT_FILE))
 TRAIN_SHARE = 4
 """So many times more training than test frames are read for the features."""
 THIS, RANDOM, RAW, BESIDE = "this model", "random encoder", "raw frame", "the other run"
@@ -63,12 +66,14 @@ def probe_mae(
     Raises:
         ValueError: If the request is wrong; nothing was written then.
     """
+    usable_device(config.device)
     subject = open_subject(config)
     text, scenes = None, None
     if subject.mae.config.target == "depth":
         text = FrozenText(subject.mae.text, config.device)
         scenes = _hide(subject, text)
-    claim_output(out, config, fresh=fresh)
+    reads = (config.run, config.beside, config.data, *config.others)
+    claim_output(out, config, _KIND, fresh=fresh, reads=reads)
     count = _Count(subject, progress)
     grounding, pictures = None, None
     if text is not None and scenes is not None:

@@ -62,7 +62,7 @@ def test_the_same_command_goes_on_and_finds_everything_done(demo):
 
 def test_another_seed_in_the_same_folder_is_refused(demo):
     out, _ = demo
-    with pytest.raises(ConfigError, match=r"seed \(0 there, 1 asked for\)"):
+    with pytest.raises(ConfigError, match=r"seed \(0 there, 1 asked for\); .* or --fresh to start over$"):
         run_demo(out, preset="debug", seed=1, workers=1, fresh=False, progress=silent)
 
 

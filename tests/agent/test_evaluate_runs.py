@@ -16,7 +16,7 @@ import cli
 from agent import evaluate
 from agent.envs.episode_file import make_episode_set, read_episode_file, write_episode_file
 from agent.evaluate import Plan, evaluate_agent, evaluate_run, evaluate_runs
-from agent.scoring.rows import LOCK_FILE, Journal, claimed, read_rows
+from agent.scoring.rows import LOCK_FILE, Journal, claimed, read_rows, task_of
 from agent.systems import langwm
 from agent.systems.agent import Agent
 from agent.systems.controls import make_straight_ahead
@@ -162,6 +162,9 @@ def test_more_episodes_begin_with_those_that_were_played(run):
     summary = evaluate_run(run, controls=())
     assert summary.scores[0].num_episodes == FLOORS
     assert len(read_rows(run / "eval")) == 2 * FLOORS
+    written = json.loads((run / "eval/summary.json").read_text())
+    assert set(written["episodes"]["test"]["counts"].values()) == {2}
+    assert written["scores"][0]["episodes"] == 2 * FLOORS
 
 
 def test_an_agent_that_has_learned_since_is_played_again(run, config):
@@ -211,6 +214,18 @@ def test_a_dataset_that_was_moved_is_found_where_it_is_now(run, config, tmp_path
     assert {row["system"] for row in read_rows(run / "eval")} > {"langwm", "random"}
 
 
+def test_rows_of_other_episodes_do_not_stay_beside_those_of_a_file(run, config, tmp_path):
+    evaluate_run(run, episodes_per_scene=2, controls=("oracle",))
+    episodes = make_episode_set(dataclasses.replace(config.env, seed_eval=5), "test", 1)
+    write_episode_file(tmp_path / "episodes.json", episodes)
+    evaluate_runs([run], Plan(episodes_file=tmp_path / "episodes.json", controls=()))
+    rows = read_rows(run / "eval")
+    assert [row["task"] for row in rows] == [task_of(e) for e in episodes.episodes]
+    written = json.loads((run / "eval/summary.json").read_text())
+    assert written["episodes"]["test"]["sha256"] == episodes.sha256
+    assert written["scores"][0]["episodes"] == FLOORS
+
+
 def test_a_policy_of_the_callers_is_scored(config, tmp_path):
     summary = evaluate_agent(
         make_straight_ahead(config.env), env=config.env, episodes_per_scene=1, out=tmp_path
@@ -237,9 +252,18 @@ def test_refusals_leave_the_folder_alone(run, config, tmp_path):
         evaluate_runs([run, run], Plan())
     with pytest.raises(ConfigError, match="one or more"):
         evaluate_runs([], Plan())
+    with pytest.raises(ConfigError, match="device 'abacus' cannot be used on this machine"):
+        evaluate_runs([run], Plan(device="abacus"))
     with pytest.raises(ValueError, match="there is no file of episodes at"):
         evaluate_runs([run], Plan(episodes_file=tmp_path / "none.json"))
     assert not (run / "eval").exists()
+
+
+def test_the_run_of_an_autoencoder_is_refused(run, tiny_mae, tmp_path):
+    tiny_mae.save_pretrained(tmp_path / "mae/model")
+    (tmp_path / "mae/config.yaml").write_text("steps: 3\nbatch: 4\n")
+    with pytest.raises(ValueError, match="holds an autoencoder of pretrain-mae, not a trained agent"):
+        evaluate_runs([tmp_path / "mae", run], Plan())
 
 
 def test_two_processes_at_once_are_refused(run):

@@ -1,8 +1,10 @@
 import dataclasses
 import errno
 import os
+import shutil
 import signal
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -122,7 +124,7 @@ def test_a_finished_run_does_nothing(whole_run, tiny_config, make_room, caplog):
     before = (whole_run / "metrics.jsonl").stat().st_mtime_ns
     with caplog.at_level("INFO"):
         train_agent(tiny_config, whole_run, env=make_room(max_steps=9))
-    assert "has finished its 60 steps" in caplog.text
+    assert "has taken 60 steps already" in caplog.text
     assert (whole_run / "metrics.jsonl").stat().st_mtime_ns == before
 
 
@@ -134,6 +136,53 @@ def test_a_run_too_short_to_learn_says_so(steps, is_warned, tiny_config, make_ro
     assert (said in caplog.text) == is_warned
     _, state = load_checkpoint(latest_checkpoint(tmp_path / "run"))
     assert (state["num_updates"] == 0) == is_warned
+
+
+def test_fewer_steps_than_are_taken_change_nothing(whole_run, tiny_config, make_room, caplog):
+    before = (whole_run / "config.yaml").read_text()
+    with caplog.at_level("INFO"):
+        train_agent(dataclasses.replace(tiny_config, steps=43), whole_run, env=make_room(max_steps=9))
+    assert "has taken 60 steps already" in caplog.text
+    assert (whole_run / "config.yaml").read_text() == before
+
+
+class Barred(gymnasium.Wrapper):
+    """An environment that says only at the start of an episode that there is none."""
+
+    def reset(self, **_):
+        raise ConfigError("no such goals")
+
+
+def test_an_environment_that_cannot_begin_leaves_no_folder(tiny_config, make_room, tmp_path):
+    with pytest.raises(ConfigError, match="no such goals"):
+        train_agent(tiny_config, tmp_path / "run", env=Barred(make_room()))
+    assert not (tmp_path / "run").exists()
+
+
+def test_an_environment_that_cannot_begin_costs_no_run_that_was_there(
+    whole_run, tiny_config, make_room, tmp_path
+):
+    out = shutil.copytree(whole_run, tmp_path / "run")
+    with pytest.raises(ConfigError, match="no such goals"):
+        train_agent(tiny_config, out, fresh=True, env=Barred(make_room()))
+    assert losses(out) == losses(whole_run)
+    assert latest_checkpoint(out).name == "step-000000060"
+
+
+def test_fresh_removes_a_whole_run_with_its_scores_and_nothing_else(
+    whole_run, tiny_config, make_room, tmp_path
+):
+    out = shutil.copytree(whole_run, tmp_path / "run")
+    (out / "eval").mkdir()
+    (out / "data").mkdir()
+    other = dataclasses.replace(tiny_config, steps=1, seed=1)
+    with pytest.raises(ConfigError, match=r"--fresh would remove '.*/run/data', which this command does not"):
+        train_agent(other, out, fresh=True, env=make_room(max_steps=9))
+    assert latest_checkpoint(out).name == "step-000000060"
+    (out / "data").rmdir()
+    train_agent(other, out, fresh=True, env=make_room(max_steps=9))
+    assert latest_checkpoint(out).name == "step-000000001"
+    assert not (out / "eval").exists()
 
 
 def test_another_configuration_in_the_same_place_is_refused(whole_run, tiny_config):

@@ -3,6 +3,7 @@
 import dataclasses
 import errno
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -180,6 +181,19 @@ def test_work_of_another_version_is_not_mixed_in(begun, small):
 def test_fresh_starts_over(begun, small):
     render_dataset(SMALL, begun, fresh=True)
     assert contents(begun) == small
+
+
+def test_another_configuration_may_start_over_in_a_finished_dataset(folder):
+    with pytest.raises(ConfigError, match=r"seed \(5 there, 1 asked for\); .* or --fresh to start over$"):
+        render_dataset(dataclasses.replace(CONFIG, seed=1), folder)
+
+
+def test_fresh_does_not_remove_the_scenes_that_are_asked_for(folder, tmp_path):
+    out = shutil.copytree(folder, tmp_path / "data")
+    scenes = dataclasses.replace(CONFIG.scenes, baked=str(out))
+    with pytest.raises(ConfigError, match=r"--fresh would remove '.*/data', which this command reads"):
+        render_dataset(dataclasses.replace(CONFIG, scenes=scenes), out, fresh=True)
+    assert contents(out) == contents(folder)
 
 
 def test_the_manifest_tells_how_and_what(folder, dataset):

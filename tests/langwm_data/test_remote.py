@@ -2,13 +2,14 @@
 
 import hashlib
 import sys
+from dataclasses import replace
 
 import fsspec
 import pytest
 
 from langwm_data import render_dataset
 from langwm_data.config import DatasetConfig
-from langwm_data.config_io import ConfigError, build_config
+from langwm_data.config_io import ConfigError, build_config, config_to_yaml
 from langwm_data.pipeline import render_range
 from langwm_data.remote import RemoteFolder
 
@@ -112,8 +113,9 @@ def test_urls_that_cannot_be_written_are_refused(url, message):
 def test_another_configuration_is_refused_by_the_name_of_the_url(tmp_path):
     url = f"file://{tmp_path}/data"
     (tmp_path / "data").mkdir()
-    (tmp_path / "data/config.yaml").write_text("frames: 99\n")
-    with pytest.raises(ConfigError, match=f"--out '{url}' holds a run of another configuration: .*frames"):
+    (tmp_path / "data/config.yaml").write_text(config_to_yaml(replace(CONFIG, frames=99)))
+    message = rf"--out '{url}' holds a run of another .*: frames \(99 .* or the same configuration$"
+    with pytest.raises(ConfigError, match=message):
         render_dataset(CONFIG, url)
 
 

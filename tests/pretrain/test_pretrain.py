@@ -15,7 +15,7 @@ import torch
 import pretrain
 from langwm_data.config_io import ConfigError, load_config_file
 from pretrain import LanguageGroundedMAE, pretrain_mae, train
-from pretrain.checkpoint import latest_checkpoint
+from pretrain.checkpoint import latest_checkpoint, save_checkpoint
 from pretrain.config import AugmentConfig, ObjectMaskConfig, OptimConfig, PretrainConfig, TextConfig
 from pretrain.metrics import read_metrics
 from pretrain.optim import Optimizer, learning_rate_at
@@ -214,6 +214,23 @@ def test_another_dataset_in_the_same_place_is_refused(whole, pretrain_config, ma
         pretrain_mae(replace(pretrain_config, steps=9), other, whole)
     assert (whole / "config.yaml").read_text() == before
     pretrain_mae(pretrain_config, other, whole, fresh=True)
+
+
+def test_the_run_of_another_command_is_refused_in_a_short_sentence(pretrain_config, data_folder, tmp_path):
+    save_checkpoint(tmp_path, 3, {"learner": 1})
+    (tmp_path / "config.yaml").write_text("system: langwm\nsteps: 3\n")
+    with pytest.raises(ConfigError, match=r"holds something else: .* give a new folder$"):
+        pretrain_mae(pretrain_config, data_folder, tmp_path)
+
+
+def test_fresh_does_not_remove_the_dataset_that_is_learned_from(
+    whole, pretrain_config, make_dataset, tmp_path
+):
+    out = shutil.copytree(whole, tmp_path / "run")
+    data = make_dataset(out / "pictures/data")
+    with pytest.raises(ConfigError, match=r"--fresh would remove '.*/pictures/data', which this command"):
+        pretrain_mae(pretrain_config, data, out, fresh=True)
+    assert (data / "dataset.json").is_file()
 
 
 def test_wrong_requests_leave_the_place_untouched(pretrain_config, data_folder, make_dataset, tmp_path):

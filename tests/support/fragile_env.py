@@ -8,7 +8,7 @@ import numpy as np
 
 
 class Fragile(gymnasium.Env):
-    """Counts; does as its marker file says at the third step while that has characters left."""
+    """Counts; does as its marker file says at the third step while that has characters left; refuses NaN."""
 
     observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (2,), np.float64)
     action_space = gymnasium.spaces.Box(-1, 1, (1,), np.float64)
@@ -25,6 +25,8 @@ class Fragile(gymnasium.Env):
         return self.state.copy(), {}
 
     def step(self, action):
+        if np.isnan(action).any():
+            raise ValueError("the action is not a number")
         self.count += 1
         left = self.marker.read_text()
         if self.count == 3 and left:

@@ -24,13 +24,14 @@ MACHINE = {
 
 
 def make_rows(system, seed, rate, count=20):
-    """Episodes that succeed at a rate; the same ones for every system and seed."""
-    rng = np.random.default_rng([seed, *map(ord, system)])
+    """Episodes that succeed at a rate; the same ones, easy and hard, for every system and seed."""
+    rng, hard = np.random.default_rng([seed, *map(ord, system)]), np.random.default_rng(7)
     rows = []
     for split, floors in (("test", TEST_FLOORS), ("train", TRAIN_FLOORS)):
         for floor in floors:
             for number in range(count):
-                wins = bool(rng.random() < rate)
+                ease = hard.random()
+                wins = bool((ease if rng.random() < 0.6 else rng.random()) < rate)
                 rows.append(
                     {
                         "system": system,
@@ -44,6 +45,7 @@ def make_rows(system, seed, rate, count=20):
                         "distance_to_goal": rng.uniform(0.0, 4.0),
                         "collisions": int(rng.integers(10)),
                         "length": 50,
+                        "task": f"{split} {floor} {number}",
                     }
                 )
     return rows

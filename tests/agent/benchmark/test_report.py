@@ -9,6 +9,7 @@ from agent.benchmark.grid import Cell
 from agent.benchmark.record import Record, record_path, write_record
 from agent.benchmark.report import write_reports
 from agent.benchmark.results import read_results
+from agent.benchmark.scores import score_split
 from langwm_data.config_io import ConfigError
 
 
@@ -19,7 +20,7 @@ def test_the_page_stands_alone_and_shows_the_tables(finished):
     assert page.count("<table") == 6
     assert "paper: LanGWM" in page
     assert "5 of 5 cells are done, 0 failed." in page
-    assert "1 of 1 learners succeed more often than random and straight ahead" in page
+    assert "1 of 1 learners are shown to succeed more often than random and straight ahead" in page
     assert "What failed" not in page
 
 
@@ -55,12 +56,23 @@ def test_an_empty_grid_and_a_half_done_one_have_tables(tmp_path):
     )
 
 
+def test_a_learner_hardly_above_a_control_has_not_been_shown_to_learn(tmp_path):
+    grid = begin_grid(tmp_path, "langwm,random,straight-ahead", "0")
+    for name in ("random", "straight-ahead"):
+        write_cell(tmp_path, grid, Cell(name, 0), 0.3)
+    write_cell(tmp_path, grid, Cell("langwm", 0), 0.5)
+    scores = score_split(read_results(tmp_path), "train")
+    near = {name: found.tiers[0].success.mean for name, found in scores.items()}
+    assert near["langwm"] > max(near["random"], near["straight-ahead"])
+    assert "0 of 1 learners are shown to succeed more often" in write_reports(tmp_path).read_text()
+
+
 def test_a_learner_below_a_control_is_named(tmp_path):
     grid = begin_grid(tmp_path, "langwm,random,straight-ahead", "0")
     for name, rate in {"random": 0.3, "straight-ahead": 0.3}.items():
         write_cell(tmp_path, grid, Cell(name, 0), rate)
     write_cell(tmp_path, grid, Cell("langwm", 0), 0.0)
-    assert "0 of 1 learners succeed more often" in write_reports(tmp_path).read_text()
+    assert "0 of 1 learners are shown to succeed more often" in write_reports(tmp_path).read_text()
     assert "(not: LanGWM)" in (tmp_path / "report.html").read_text()
 
 

@@ -145,7 +145,7 @@ def test_another_grid_in_the_same_folder_is_refused(done):
 
 def test_folders_of_others_are_refused_and_kept(done, tmp_path):
     out, _, _ = done
-    with pytest.raises(ConfigError, match="holds something else than a grid; give a new folder"):
+    with pytest.raises(ConfigError, match=r"holds something else: .* give a new folder"):
         run_benchmark(debug_grid(), out / "langwm/seed-0", fresh=True)
     (tmp_path / "photo.jpg").touch()
     with pytest.raises(ConfigError, match="is not empty and holds no"):
@@ -253,7 +253,7 @@ def block(out, grid):
 
 def test_cells_run_in_processes(tmp_path):
     grid, out = debug_grid("langwm", "0-1"), tmp_path / "out"
-    run_module.claim_output(out, grid)
+    run_module.claim_output(out, grid, run_module._KIND)
     block(out, grid)
     failed = run_benchmark(grid, out, workers=2)
     assert [text.partition(":")[0] for text in failed] == ["langwm/seed-0", "langwm/seed-1"]
@@ -273,7 +273,7 @@ def test_cells_run_on_ray(tmp_path, monkeypatch):
         pytest.skip("this machine is too busy to start Ray within its 30 s")
     monkeypatch.chdir(tmp_path)
     grid, out = debug_grid("langwm", "0-1"), Path("out")
-    run_module.claim_output(out, grid)
+    run_module.claim_output(out, grid, run_module._KIND)
     block(out, grid)
     try:
         failed = run_benchmark(grid, out, engine="ray")

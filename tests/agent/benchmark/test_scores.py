@@ -4,6 +4,7 @@ from grid_folders import begin_grid, make_rows, write_cell
 from scipy import stats
 
 from agent.benchmark.grid import Cell
+from agent.benchmark.notes import table_notes
 from agent.benchmark.record import Record
 from agent.benchmark.results import read_results
 from agent.benchmark.scores import differences, score_split
@@ -20,15 +21,24 @@ def rows_of(system, seeds, **fixed):
     return [row for row in rows if all(row[k] == v for k, v in fixed.items())]
 
 
-def test_a_floor_has_wilsons_interval_over_all_seeds(results):
+def test_a_floor_of_one_seed_has_wilsons_interval(results):
+    score = score_split(results, "test")["turn-to-goal"].floors["Maple_1"]
+    rows = rows_of("turn-to-goal", (0,), scene="Maple_1")
+    wins = sum(row["success"] for row in rows)
+    theirs = stats.binomtest(wins, 20).proportion_ci(0.95, method="wilson")
+    assert (len(rows), score.num_episodes, score.num_seeds) == (20, 20, 1)
+    assert (score.success.low, score.success.high) == pytest.approx((theirs.low, theirs.high), abs=1e-9)
+
+
+def test_a_floor_of_two_seeds_is_no_surer_than_as_many_new_episodes_would_be(results):
     score = score_split(results, "test")["langwm"].floors["Maple_1"]
     rows = rows_of("langwm", (0, 1), scene="Maple_1")
     wins = sum(row["success"] for row in rows)
-    theirs = stats.binomtest(wins, len(rows)).proportion_ci(0.95, method="wilson")
-    assert len(rows) == 40
-    assert (score.num_episodes, score.num_seeds) == (20, 2)
+    theirs = stats.binomtest(wins, 40).proportion_ci(0.95, method="wilson")
+    assert (len(rows), score.num_episodes, score.num_seeds) == (40, 20, 2)
     assert score.success.mean == pytest.approx(wins / 40)
-    assert (score.success.low, score.success.high) == pytest.approx((theirs.low, theirs.high), abs=1e-9)
+    assert score.success.low < theirs.low
+    assert score.success.high > theirs.high
     assert score.spl.mean == pytest.approx(np.mean([row["spl"] for row in rows]))
 
 
@@ -95,6 +105,39 @@ def test_seeds_on_other_episodes_are_told_apart(tmp_path):
     write_cell(tmp_path, grid, Cell("langwm", 1), rows=rows)
     with pytest.raises(ValueError, match="langwm/seed-1 was scored on other episodes than the seeds before"):
         read_results(tmp_path)
+
+
+def test_seeds_with_other_tasks_under_the_same_numbers_are_told_apart(tmp_path):
+    grid = begin_grid(tmp_path, "langwm")
+    write_cell(tmp_path, grid, Cell("langwm", 0))
+    rows = make_rows("langwm", 1, 0.5)
+    rows[3]["task"] = "to the kitchen"
+    write_cell(tmp_path, grid, Cell("langwm", 1), rows=rows)
+    with pytest.raises(ValueError, match="langwm/seed-1 was scored on other episodes than the seeds before"):
+        read_results(tmp_path)
+
+
+def test_systems_with_other_tasks_are_not_compared(tmp_path):
+    grid = begin_grid(tmp_path, "langwm,random", "0")
+    write_cell(tmp_path, grid, Cell("langwm", 0))
+    rows = [row | {"task": f"another {row['task']}"} for row in make_rows("random", 0, 0.5)]
+    write_cell(tmp_path, grid, Cell("random", 0), rows=rows)
+    assert differences(read_results(tmp_path), "test", "langwm") == {}
+
+
+def test_a_grid_that_is_being_scored_further_is_taken_as_far_as_all_seeds_are(tmp_path):
+    grid = begin_grid(tmp_path, "langwm,random")
+    write_cell(tmp_path, grid, Cell("langwm", 0), rows=make_rows("langwm", 0, 0.5, count=30))
+    write_cell(tmp_path, grid, Cell("langwm", 1))
+    write_cell(tmp_path, grid, Cell("random", 0), rows=make_rows("random", 0, 0.1, count=30))
+    results = read_results(tmp_path)
+    found = score_split(results, "test")
+    assert [found[name].average.num_episodes for name in ("langwm", "random")] == [60, 90]
+    both = [results.played["test"][name].values["success"].mean(axis=0) for name in ("langwm", "random")]
+    shared = results.played["test"]["random"].episode < 20
+    expected = both[1][shared].mean() - both[0].mean()
+    assert differences(results, "test", "langwm")["random"]["success"].mean == pytest.approx(expected)
+    assert any("60 to 90 with every seed" in note for note in table_notes(results))
 
 
 def test_only_splits_that_are_scored_to_their_end_count(tmp_path):

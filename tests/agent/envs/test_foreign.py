@@ -13,7 +13,7 @@ from agent.envs.outcomes import EpisodeRecord
 from agent.rollout import Collector, run_episode
 from agent.systems.system import UNBOUNDED, Spaces, task_scale
 from langwm_data.config import CameraConfig
-from langwm_data.config_io import ConfigError
+from langwm_data.config_io import ConfigError, build_config
 
 SMALL = CameraConfig(height=16, width=16)
 
@@ -233,6 +233,12 @@ def test_errors_of_an_env_of_the_callers_are_the_callers():
     env = make_env(EnvConfig(camera=SMALL), Broken("reset"))
     with pytest.raises(gymnasium.error.DependencyNotInstalled):
         env.reset(seed=0)
+
+
+def test_what_no_file_can_hold_is_no_word_about_an_env():
+    message = r"'kwargs': value {'high': \[inf\]} is not allowed: all numbers should be finite"
+    with pytest.raises(ConfigError, match=message):
+        build_config(EnvConfig, {"id": "Tests/Lift-v0", "kwargs": {"high": [np.inf]}})
 
 
 def test_words_about_an_env_need_an_env():

@@ -392,6 +392,24 @@ def test_wrong_episodes_are_refused(env):
         env.reset(options={"colour": 1})
 
 
+def test_after_a_refused_reset_the_episode_before_goes_on_or_has_ended(env):
+    goal = (3.0, 1.5)
+    play(env, (1.0, 1.5), 0.0, goal)
+    distance = env.step(np.zeros(2))[4]["distance_to_goal"]
+    for start, aim in (((30.0, 1.5), goal), ((1.0, 1.5), (30.0, 1.5))):
+        with pytest.raises(ValueError, match=r"no way leads|is not free"):
+            play(env, start, 0.0, aim)
+        assert env.episode.goal_xy == goal
+        assert env.step(np.zeros(2))[4]["distance_to_goal"] == distance
+    with pytest.raises(ValueError, match="reset option 'colour'"):
+        env.reset(seed=8, options={"colour": 1})
+    assert env.step(np.zeros(2))[4]["distance_to_goal"] == distance
+    with pytest.raises(ValueError, match="cannot stand at"):
+        play(env, (0.1, 1.5), 0.0, goal)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(np.zeros(2))
+
+
 def test_wrong_arguments_are_refused(empty_scene):
     cases = {
         "distance_edges_m begins at 0.3 m; it must lie beyond success_radius_m, 0.36 m": {

@@ -122,6 +122,24 @@ def test_what_breaks_again_and_again_ends_with_the_traceback_of_its_process(how,
         play_fragile(tmp_path, how, 20, max_restarts=1)
 
 
+def test_steps_beside_a_refused_one_are_taken_again_after_a_break(tmp_path):
+    """One environment refuses its action; the other takes its step, and breaks later."""
+
+    def play(crashes):
+        marker = tmp_path / f"m{crashes}"
+        marker.write_text("x" * crashes)
+        vector = RestartingVectorEnv(partial(Fragile, marker, "raises"), 2)
+        try:
+            vector.reset(seed=1)
+            with pytest.raises(ValueError, match="the action is not a number"):
+                vector.step(np.array([[np.nan], [0.3]]))
+            return [vector.step(np.full((2, 1), 0.1))[0] for _ in range(3)]
+        finally:
+            vector.close()
+
+    np.testing.assert_array_equal(play(1), play(0))
+
+
 def test_a_wrong_request_is_refused_without_a_restart(tmp_path):
     (tmp_path / "m").write_text("")
     vector = RestartingVectorEnv(partial(Fragile, tmp_path / "m", "dies"), 2)

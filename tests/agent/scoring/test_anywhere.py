@@ -56,6 +56,11 @@ def test_an_agent_is_scored_beside_random_where_it_learned(run):
     assert evaluate_anywhere(run, episodes=4) == summary
 
 
+def test_a_device_that_is_not_there_is_refused(run):
+    with pytest.raises(ConfigError, match="device 'abacus' cannot be used on this machine"):
+        evaluate_anywhere(run, device="abacus")
+
+
 def test_fixed_episodes_are_refused_elsewhere(run):
     assert is_elsewhere(run)
     with pytest.raises(ConfigError, match=r"learned in env 'Tests/Grey-v0', which has no fixed episodes"):

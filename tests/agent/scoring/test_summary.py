@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from agent.scoring.statistics import hierarchical_bootstrap_interval
+from agent.scoring.statistics import seeds_interval
 from agent.scoring.summary import MEANS, compare, mcnemar_exact, pool_runs, summarise
 
 
@@ -85,13 +85,13 @@ def test_bootstrap_of_a_mean_agrees_with_the_normal_one():
 def test_several_runs_of_a_system_are_pooled_by_runs():
     rng = np.random.default_rng(1)
     shifts = (0.0, 1.0, 2.0)
-    values = [rng.normal(shift, 1, 200) for shift in shifts]
+    values = np.array([rng.normal(shift, 1, 200) for shift in shifts])
     rows = [r for i, v in enumerate(values) for r in make_rows(f"s {i}", [1] * 200, v)]
     runs = {f"s {i}": "s" for i in range(3)} | {"other": "o"}
     (score,) = pool_runs([*rows, *make_rows("other", [0] * 200)], runs)
     assert (score.system, score.num_episodes) == ("s, 3 runs", 600)
     assert score.means["spl"].mean == pytest.approx(np.mean([v.mean() for v in values]))
-    own = hierarchical_bootstrap_interval(values, np.random.default_rng(5))
+    own = seeds_interval(values, np.random.default_rng(5))
     assert score.means["spl"].high == pytest.approx(own.high, abs=0.1)
     flat = summarise([r | {"system": "s"} for r in rows]).scores[0].means["spl"]
     assert score.means["spl"].high - score.means["spl"].low > 3 * (flat.high - flat.low)

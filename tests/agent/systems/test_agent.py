@@ -9,6 +9,7 @@ from full_disk import largest_file
 from agent.models.rssm import Latent
 from agent.systems.agent import Agent
 from agent.systems.langwm import resolve
+from pretrain.mae import LanguageGroundedMAE
 
 
 @pytest.fixture
@@ -81,6 +82,15 @@ def test_a_saved_agent_forgets_where_things_lay(agent, tmp_path):
 def test_a_folder_without_an_agent_is_refused(tmp_path):
     with pytest.raises(ValueError, match="holds no trained agent"):
         Agent.from_pretrained(tmp_path)
+
+
+def test_an_autoencoder_is_no_agent_and_an_agent_no_autoencoder(agent, tiny_mae, tmp_path):
+    tiny_mae.save_pretrained(tmp_path / "mae/model")
+    with pytest.raises(ValueError, match="/mae/model' holds an autoencoder of pretrain-mae, not a trained"):
+        Agent.from_pretrained(tmp_path / "mae")
+    agent.save_pretrained(tmp_path / "agent/model")
+    with pytest.raises(ValueError, match="/agent/model' holds an agent of train-agent, not a pretrained"):
+        LanguageGroundedMAE.from_pretrained(tmp_path / "agent")
 
 
 def test_a_damaged_agent_is_refused(agent, tmp_path):

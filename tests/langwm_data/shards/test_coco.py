@@ -271,7 +271,8 @@ def test_a_finished_export_is_left_alone_and_fresh_makes_it_again(dataset, tmp_p
 
 def test_an_export_of_another_dataset_is_refused(folder, dataset, tmp_path):
     out = export_coco(dataset.path, tmp_path / "coco")
-    with pytest.raises(ConfigError, match=r"holds a run of another configuration: dataset \('"):
+    message = r"holds a run of another configuration: dataset \('.* or --fresh to start over$"
+    with pytest.raises(ConfigError, match=message):
         export_coco(folder, out)
 
 

@@ -137,7 +137,8 @@ def test_what_is_no_dataset_is_refused(tmp_path, folder):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("{", "schema version None; this program reads 3"),
+        ('{"schema_version": 3, "gener', "dataset.json is damaged: it is not JSON"),
+        ("[3]", "dataset.json is damaged: it has no schema_version"),
         ('{"schema_version": 7}', "schema version 7; this program reads 3"),
         ('{"schema_version": 3}', "dataset.json: generator: Field required"),
     ],

@@ -8,7 +8,8 @@ import pyarrow.parquet as pq
 import pytest
 import torch
 
-from langwm_data.config_io import ConfigError, claim_output
+from langwm_data import atomic
+from langwm_data.config_io import ConfigError, config_to_yaml
 from langwm_data.scenes.spec import ModelRecord
 from langwm_data.shards.scenes import write_scene
 from pretrain.config import ProbeConfig, TextConfig
@@ -148,6 +149,11 @@ def refuse(out, message, **fields):
     assert not out.exists()
 
 
+def test_a_device_that_is_not_there_is_refused(run, data, tmp_path):
+    message = "device 'abacus' cannot be used on this machine; cpu always can"
+    refuse(tmp_path / "out", message, run=run, data=str(data), device="abacus")
+
+
 def test_datasets_of_one_split_are_refused(run, make_dataset, tmp_path):
     for split, counts in (("test", {"num_test": 0}), ("train", {"num_train": 0})):
         folder = make_dataset(tmp_path / split, **counts)
@@ -171,10 +177,16 @@ def test_a_folder_that_is_not_of_a_probe_is_left_alone(run, data, tmp_path):
     with pytest.raises(ConfigError, match=r"is not empty and holds no config\.yaml"):
         probe_mae(ProbeConfig(run=run, data=str(data), frames=6), tmp_path)
     other = tmp_path / "other"
-    claim_output(other, ProbeConfig(run=run, data=str(data), frames=5))
+    atomic.write_text(other / "config.yaml", config_to_yaml(ProbeConfig(run=run, data=str(data), frames=5)))
     with pytest.raises(ConfigError, match="frames \\(5 there, 6 asked for\\)"):
         probe_mae(ProbeConfig(run=run, data=str(data), frames=6), other)
     assert [path.name for path in other.iterdir()] == ["config.yaml"]
+
+
+def test_another_probe_may_start_over_in_the_folder_of_a_finished_one(done, run, data):
+    out, _, _ = done
+    with pytest.raises(ConfigError, match=r"frames \(6 there, 5 asked for\); .* or --fresh to start over$"):
+        probe_mae(ProbeConfig(run=run, data=str(data), frames=5), out)
 
 
 def test_what_is_no_model_is_refused(data, tmp_path):

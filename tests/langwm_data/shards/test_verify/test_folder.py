@@ -43,7 +43,7 @@ def changed(name, value):
 
 
 MANIFESTS = {
-    "no JSON": (lambda t: "{", "dataset schema version None"),
+    "no JSON": (lambda t: "{", "dataset.json is damaged: it is not JSON"),
     "nested a million times": (lambda t: "[" * 10**6, "."),
     "another version": (lambda t: t.replace('"schema_version": ', '"schema_version": 9'), "schema version"),
     "an unknown field": (lambda t: t.replace("{", '{"x": 1,', 1), "x: Unexpected keyword argument"),
