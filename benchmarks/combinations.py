@@ -191,8 +191,7 @@ def error_text(comparison: Comparison) -> str:
 
 def interval_text(interval: object, digits: int, scale: float = 1.0) -> str:
     assert isinstance(interval, Interval)
-    low, high = (f"{scale * value:.{digits}f}" for value in (interval.low, interval.high))
-    return f"{scale * interval.mean:.{digits}f} [{low}, {high}]"
+    return interval.as_text(digits, scale)
 
 
 def as_json(found: Mapping[str, object]) -> str:

@@ -2,8 +2,8 @@
 
 Everything goes through ``train_agent``, as any environment does. Systems on the language-grounded autoencoder
 see through one with random weights that stays as it is (``--mae RUN``: a pretrained one), but ``mwm``, which
-needs neither depth nor labels to learn its own. Writes ``learning.md``, ``learning.json`` and ``curve.png``
-into a folder of ``--out`` named after the task.
+needs neither depth nor labels to learn its own, and all on ``reach-grounded``, which gives both. Writes
+``learning.md``, ``learning.json`` and ``curve.png`` into a folder of ``--out`` named after the task.
 
     python -m benchmarks.learning --system langwm --system curl --task reach --steps 3000 --out runs/learning
 """
@@ -27,6 +27,7 @@ from agent.systems.agent import Agent
 from agent.systems.controls import make_random_policy
 from agent.systems.registry import SYSTEMS, load_agent_config
 from agent.train import train_agent
+from benchmarks.plots import plot_running_mean
 from langwm_data.config_io import build_config, merge, parse_assignment
 from langwm_data.seeding import derive_seed, make_rng
 from pretrain.batch import TextTokens
@@ -181,10 +182,7 @@ def draw_curves(rows: list[dict[str, Any]], path: Path, *, window: int = 20) -> 
         if "curve" not in row:
             axes.axhline(row["return"][0], color="gray", linestyle=":", label=row["system"])
             continue
-        steps, returns = np.array(row["curve"]).T
-        width = min(window, len(returns))
-        means = np.convolve(returns, np.ones(width) / width, mode="valid")
-        axes.plot(steps[width - 1 :], means, label=row["system"])
+        plot_running_mean(axes, row["curve"], window=window, label=row["system"])
     axes.set(xlabel="environment steps", ylabel=f"return, mean of {window} episodes")
     axes.legend()
     figure.savefig(path, dpi=100)

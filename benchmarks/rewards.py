@@ -24,6 +24,7 @@ from agent.evaluate import EVAL_FOLDER, evaluate_run, read_rows
 from agent.scoring.statistics import seeds_interval, seeds_rate_interval
 from agent.systems.registry import SYSTEMS, load_agent_config
 from agent.train import train_agent
+from benchmarks.plots import plot_running_mean
 from langwm_data import atomic
 from langwm_data.config_io import merge, parse_assignment
 from langwm_data.seeding import make_rng
@@ -84,11 +85,6 @@ def score(out: Path, reward: str, seeds: Sequence[int], split: str) -> dict[str,
     return {"success": near, **means, "each": [float(np.mean([r["success"] for r in own])) for own in rows]}
 
 
-def as_text(interval: Any, scale: float, digits: int) -> str:
-    low, high = (f"{scale * value:.{digits}f}" for value in (interval.low, interval.high))
-    return f"{scale * interval.mean:.{digits}f} [{low}, {high}]"
-
-
 def as_table(found: Mapping[str, Mapping[str, Any]]) -> str:
     """Markdown; a row for each reward."""
     heads = ["reward", "progress, collision, success", "training floors, 1-3 m, success %"]
@@ -97,9 +93,9 @@ def as_table(found: Mapping[str, Mapping[str, Any]]) -> str:
     for reward, splits in found.items():
         test = splits["test"]
         cells = [reward, ", ".join(f"{REWARDS[reward][k]:g}" for k in ("progress", "collision", "success"))]
-        cells.append(as_text(splits["train"]["success"]["0"], 100, 0))
-        cells += [as_text(interval, 100, 0) for interval in test["success"].values()]
-        cells += [as_text(test["spl"], 1, 2), as_text(test["collision_rate"], 100, 1)]
+        cells.append(splits["train"]["success"]["0"].as_text(0, 100))
+        cells += [interval.as_text(0, 100) for interval in test["success"].values()]
+        cells += [test["spl"].as_text(2), test["collision_rate"].as_text(1, 100)]
         cells.append(", ".join(f"{100 * value:.0f}" for value in test["each"]))
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
@@ -112,11 +108,9 @@ def draw_curves(out: Path, rewards: Sequence[str], seeds: Sequence[int], *, wind
     for index, reward in enumerate(rewards):
         for seed in seeds:
             rows = [row for row in read_metrics(run_of(out, reward, seed)) if "env/success" in row]
-            steps, wins = np.array([[row["step"], row["env/success"]] for row in rows], float).T
-            width = min(window, len(wins))
-            means = np.convolve(wins, np.ones(width) / width, mode="valid")
-            label = reward if seed == seeds[0] else None
-            axes.plot(steps[width - 1 :], means, color=f"C{index}", linewidth=1, label=label)
+            points = [(row["step"], row["env/success"]) for row in rows]
+            style = {"color": f"C{index}", "linewidth": 1, "label": reward if seed == seeds[0] else None}
+            plot_running_mean(axes, points, window=window, **style)
     axes.set(xlabel="environment steps", ylabel=f"success, mean of {window} training episodes", ylim=(0, 1))
     axes.legend()
     figure.savefig(out / "curve.png", dpi=100)

@@ -13,7 +13,8 @@ from pretrain.config import Precision
 
 log = logging.getLogger(__name__)
 
-_X86_FLAGS = ("avx512_bf16", "amx_bf16")
+_FLAGS = ("avx512_bf16", "amx_bf16", "bf16")
+"""Of CPUs, as PyTorch names them; the last is ARM's."""
 
 
 def autocast(device: torch.device | str, precision: Precision) -> torch.autocast:
@@ -46,7 +47,7 @@ def _has_bf16(kind: str) -> bool:
         found = torch.cpu.get_capabilities()
     except AttributeError:  # an older PyTorch
         return torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported()
-    return any(found.get(flag, False) for flag in (*_X86_FLAGS, "bf16"))
+    return any(found.get(flag, False) for flag in _FLAGS)
 
 
 @functools.cache

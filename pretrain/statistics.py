@@ -18,6 +18,11 @@ class Interval:
     low: float
     high: float
 
+    def as_text(self, digits: int, scale: float = 1.0) -> str:
+        """Such as ``12.3 [10.1, 14.5]``."""
+        mean, low, high = (f"{scale * value:.{digits}f}" for value in (self.mean, self.low, self.high))
+        return f"{mean} [{low}, {high}]"
+
 
 def bootstrap_interval(
     values: Values, rng: np.random.Generator, *, confidence: float = 0.95, resamples: int = 2000

@@ -56,9 +56,8 @@ class PlainSummary:
         """A line for each player."""
         lines = [f"{'system':28} {'episodes':>8}  {'return':28} {'length':>8}  success %"]
         for score in self.scores:
-            mean, low, high = asdict(score.total_reward).values()
             success = "not known" if score.success is None else f"{100 * score.success.mean:.1f}"
-            total = f"{mean:.2f} [{low:.2f}, {high:.2f}]"
+            total = score.total_reward.as_text(2)
             lines.append(
                 f"{score.system:28} {score.num_episodes:8}  {total:28} {score.length.mean:8.1f}  {success}"
             )

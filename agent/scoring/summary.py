@@ -99,8 +99,8 @@ class Summary:
         ]
         for score in self.scores:
             if score.is_overall:
-                cells = [_as_text(score.success, 100.0, 1)]
-                cells += [_as_text(score.means[k], 1.0, 2) for k in ("spl", "soft_spl", "distance_to_goal")]
+                cells = [score.success.as_text(1, 100.0)]
+                cells += [score.means[k].as_text(2) for k in ("spl", "soft_spl", "distance_to_goal")]
                 head = f"{score.system:<{width}}{score.split:<8}{score.num_episodes:>5}  "
                 lines.append(head + "".join(f"{cell:<20}" for cell in cells).rstrip())
         return "\n".join([*lines, *self._parts(width), *self._differences()])
@@ -132,8 +132,8 @@ class Summary:
         for d in self.differences:
             success, spl = d.means["success"], d.means["spl"]
             lines.append(
-                f"{d.first} - {d.second}: success {_as_text(success, 100.0, 1)} points"
-                f" (McNemar p = {d.p_value:.3g}), SPL {_as_text(spl, 1.0, 2)},"
+                f"{d.first} - {d.second}: success {success.as_text(1, 100.0)} points"
+                f" (McNemar p = {d.p_value:.3g}), SPL {spl.as_text(2)},"
                 f" n = {d.num_episodes}, {d.split}"
             )
         return ["", "on the same episodes:", *lines] if lines else []
@@ -241,8 +241,3 @@ def _mean_intervals(columns: Float64[np.ndarray, "N K"], rng: np.random.Generato
         means.append(counts @ columns / num)
     resampled = np.concatenate(means)
     return [percentiles(float(column.mean()), resampled[:, k], 0.95) for k, column in enumerate(columns.T)]
-
-
-def _as_text(interval: Interval, scale: float, digits: int) -> str:
-    mean, low, high = (scale * x for x in (interval.mean, interval.low, interval.high))
-    return f"{mean:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"

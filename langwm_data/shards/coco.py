@@ -82,7 +82,7 @@ def export_coco(
     dataset = ShardDataset(path)
     if dataset.path.resolve().is_relative_to(out.resolve()):
         raise ConfigError(f"--out {str(out)!r} holds the dataset itself; give a new folder")
-    claim_output(out, CocoExport(dataset=dataset.manifest.fingerprint), _KIND, fresh=fresh, reads=[path])
+    claim_output(out, CocoExport(dataset=dataset.manifest.fingerprint), _KIND, fresh=fresh)
     if (out / DONE_FILE).is_file():
         _log.info("the export at %s is complete; nothing to do", out)
         return out
