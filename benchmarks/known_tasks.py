@@ -19,6 +19,9 @@ STEP = 0.2
 REACHED = 0.2
 RADIUS = 0.2
 """Of the two discs that ``Reach`` draws."""
+GOAL, POINT = "chair", "table"
+MIDDLE_M = {GOAL: 1.5, POINT: 3.5}
+"""How far away they are in the middle of the frame: depth tells the two apart, as colour does."""
 WALL_M = 5.0
 """How far away is what lies behind them."""
 PUSH = 0.04
@@ -33,8 +36,8 @@ class Reach(gymnasium.Env[Any, np.ndarray]):
     Args:
         tells: Whether the way to the goal stands in ``offset`` too; else it has to be seen.
         labels: Whether ``info`` has the boxes of goal (a chair, as it were) and point (a table).
-        depth: Whether ``depth`` is seen too: goal and point stand before a wall, each as far away as its
-            height in the frame says.
+        depth: Whether ``depth`` is seen too: goal and point stand before a wall, the goal nearer than the
+            point, each the farther the higher it stands in the frame.
     """
 
     def __init__(self, *, tells: bool = True, labels: bool = False, depth: bool = False) -> None:
@@ -73,14 +76,14 @@ class Reach(gymnasium.Env[Any, np.ndarray]):
     def _info(self, *, is_success: bool) -> dict[str, Any]:
         if not self._labels:
             return {"success": is_success}
-        return {"success": is_success, "objects": [_box("chair", self._goal), _box("table", self._place)]}
+        return {"success": is_success, "objects": [_box(GOAL, self._goal), _box(POINT, self._place)]}
 
     def _observe(self) -> Obs:
         ink = [np.linalg.norm(self._grid - point, axis=-1) < RADIUS for point in (self._goal, self._place)]
         channels = np.stack([ink[0], np.zeros_like(ink[0]), ink[1]], axis=-1)
         seen = {"rgb": (255 * channels).astype(np.uint8)}
         if self._depth:
-            near = [_distance_m(point) for point in (self._goal, self._place)]
+            near = [_distance_m(GOAL, self._goal), _distance_m(POINT, self._place)]
             seen["depth"] = np.select(ink, near, WALL_M).astype(np.float32)
         return seen | ({"offset": (self._goal - self._place).astype(np.float32)} if self._tells else {})
 
@@ -89,12 +92,14 @@ def _box(category: str, point: np.ndarray) -> FrameObject:
     x, y = (np.array([1, -1]) * point + 1) / 2 * SIZE
     half = RADIUS / 2 * SIZE
     box = (float(x - half), float(y - half), float(x + half), float(y + half))
-    return FrameObject(category=category, bbox_xyxy=box, center_x=float(x), distance_m=_distance_m(point))
+    return FrameObject(
+        category=category, bbox_xyxy=box, center_x=float(x), distance_m=_distance_m(category, point)
+    )
 
 
-def _distance_m(point: np.ndarray) -> float:
-    """Low in the frame is near, as on a floor: 1 to 3 m."""
-    return 2.0 + float(point[1])
+def _distance_m(category: str, point: np.ndarray) -> float:
+    """Low in the frame is near, as on a floor."""
+    return MIDDLE_M[category] + 0.5 * float(point[1])
 
 
 class Line(gymnasium.Env[Obs, np.ndarray]):

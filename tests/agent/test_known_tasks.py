@@ -130,3 +130,13 @@ def test_known_tasks_are_environments(task):
 
 def test_reach_with_depth_is_an_environment():
     check_env(gymnasium.make("KnownTasks/Reach-v0", depth=True).unwrapped, skip_render_check=True)
+
+
+def test_depth_tells_goal_and_point_apart():
+    env = gymnasium.make("KnownTasks/Reach-v0", depth=True, labels=True).unwrapped
+    obs, info = env.reset(seed=0)
+    red, blue = (obs["depth"][obs["rgb"][..., channel] > 0] for channel in (0, 2))
+    assert 1 <= red.min() <= red.max() <= 2
+    assert 3 <= blue.min() <= blue.max() <= 4
+    told = {o.category: o.distance_m for o in info["objects"]}
+    assert told == pytest.approx({"chair": red[0], "table": blue[0]})
