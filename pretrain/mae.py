@@ -322,13 +322,15 @@ class LanguageGroundedMAE(nn.Module):
 
 @contextmanager
 def evaluating(module: nn.Module) -> Iterator[None]:
-    """Dropout off for a while."""
-    was_training = module.training
-    module.eval()
+    """Dropout off for a while; each part of ``module`` is then as it was."""
+    training = [part for part in module.modules() if part.training]
+    for part in training:
+        part.training = False
     try:
         yield
     finally:
-        module.train(was_training)
+        for part in training:
+            part.training = True
 
 
 def _token(dim: int) -> nn.Parameter:

@@ -167,6 +167,16 @@ def test_encode_is_deterministic_and_ignores_the_mode(mae_config, make_text):
     assert not features.requires_grad
 
 
+def test_encode_leaves_a_part_that_alone_is_trained_as_it_was(mae_config, make_text):
+    model = LanguageGroundedMAE(replace(mae_config, dropout=0.5), TextConfig(), make_text(1)).eval()
+    rgb = torch.randint(0, 256, (1, mae_config.height, mae_config.width, 3), dtype=torch.uint8)
+    expected = model.encode(rgb)
+    model.encoder.train()
+    assert torch.equal(model.encode(rgb), expected)
+    assert model.encoder.training
+    assert not model.training
+
+
 def test_encode_equals_the_unmasked_encoder_with_the_empty_caption(mae, make_batch):
     batch = make_batch(mae.config)
     null = TextTokens(embed=mae.null_embed, attend=mae.null_attend)
