@@ -28,6 +28,7 @@ import tempfile
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import get_args
 
 import numpy as np
 import torch
@@ -45,6 +46,8 @@ from agent.systems.registry import find_system, load_agent_config
 from agent.systems.system import Learner, Spaces
 from benchmarks.stages import stage_clock
 from pretrain.batch import FrameObject
+from pretrain.config import Precision
+from pretrain.precision import has_bf16
 
 STAGES = {
     "replay: 16 x 50 steps read": ("agent.replay.buffer:Replay.sample",),
@@ -256,7 +259,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--only", choices=["paper", "vector"])
     parser.add_argument("--preset", default="paper")
-    parser.add_argument("--precision", default="bf16", choices=["bf16", "fp32"])
+    parser.add_argument("--precision", default="auto", choices=get_args(Precision))
     parser.add_argument("--threads", type=int, default=torch.get_num_threads())
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--env", action="store_true", help="also the environment, whose floor is made first")
@@ -271,7 +274,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         replay = fill_replay(Path(folder), config)
         figures = measure(make_learners(config, args.only), replay, args.device, args.rounds)
-    kinds = {"fp32": torch.float32, "bf16": torch.bfloat16}
+    kinds = {"fp32": torch.float32} | ({"bf16": torch.bfloat16} if has_bf16(args.device) else {})
     found = {
         "machine": f"torch {torch.__version__}, {args.device}, {args.threads} threads, {args.precision},"
         f" {args.rounds} rounds",
