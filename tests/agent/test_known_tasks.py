@@ -62,7 +62,8 @@ def test_depth_is_how_far_the_boxes_are_said_to_be_away_and_the_wall_behind_them
     obs, info = env.reset(seed=3)
     red, blue = obs["rgb"][..., 0] > 0, obs["rgb"][..., 2] > 0
     goal, point = (thing.distance_m for thing in info["objects"])
-    assert goal != point
+    assert 1 <= goal <= 2
+    assert 3 <= point <= 4
     np.testing.assert_allclose(obs["depth"][red], goal, rtol=1e-6)
     np.testing.assert_allclose(obs["depth"][blue & ~red], point, rtol=1e-6)
     assert (obs["depth"][~red & ~blue] == 5).all()
@@ -132,13 +133,3 @@ def test_known_tasks_are_environments(task):
 
 def test_reach_with_depth_is_an_environment():
     check_env(gymnasium.make("KnownTasks/Reach-v0", depth=True).unwrapped, skip_render_check=True)
-
-
-def test_depth_tells_goal_and_point_apart():
-    env = gymnasium.make("KnownTasks/Reach-v0", depth=True, labels=True).unwrapped
-    obs, info = env.reset(seed=0)
-    red, blue = (obs["depth"][obs["rgb"][..., channel] > 0] for channel in (0, 2))
-    assert 1 <= red.min() <= red.max() <= 2
-    assert 3 <= blue.min() <= blue.max() <= 4
-    told = {o.category: o.distance_m for o in info["objects"]}
-    assert told == pytest.approx({"chair": red[0], "table": blue[0]})
