@@ -9,6 +9,7 @@ import difflib
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar, dataclass_transform
@@ -89,7 +90,7 @@ def build_config(cls: type[T], values: Mapping[str, Any]) -> T:
         ConfigError: Naming the first wrong field, its value and what is allowed.
     """
     try:
-        return TypeAdapter(cls).validate_python(dict(values))
+        return _adapter(cls).validate_python(dict(values))
     except ValidationError as error:
         raise ConfigError(_explain(cls, error)) from error
 
@@ -113,7 +114,7 @@ def load_config(
 
 def config_to_dict(value: Any) -> dict[str, Any]:  # noqa: ANN401
     """A config as plain nested dicts and lists, as it is written to disk."""
-    return TypeAdapter(type(value)).dump_python(value, mode="json")
+    return _adapter(type(value)).dump_python(value, mode="json")
 
 
 def config_to_yaml(value: Any) -> str:  # noqa: ANN401
@@ -162,6 +163,12 @@ def read_mapping(path: Path) -> dict[str, Any]:
     if not isinstance(values, dict):
         raise ConfigError(f"{path} does not hold a configuration")
     return values
+
+
+@cache
+def _adapter(cls: type) -> TypeAdapter[Any]:
+    """Reads and writes ``cls``. Making one takes tens of milliseconds for a large config."""
+    return TypeAdapter(cls)
 
 
 def _explain(cls: type, error: ValidationError) -> str:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.stats import binomtest
+from scipy.special import bdtr
 
 from agent.scoring.rows import Row
 from agent.scoring.statistics import seeds_interval, seeds_rate_interval, wilson_interval
@@ -179,8 +179,8 @@ def mcnemar_exact(only_first: int, only_second: int) -> float:
 
     Source: McNemar (1947), with the binomial distribution in place of its approximation.
     """
-    told_apart = only_first + only_second
-    return 1.0 if told_apart == 0 else float(binomtest(only_first, told_apart).pvalue)
+    fewer = min(only_first, only_second)
+    return min(1.0, 2 * float(bdtr(fewer, only_first + only_second, 0.5)))
 
 
 def pool_runs(rows: Sequence[Row], runs: Mapping[str, str]) -> list[Score]:

@@ -149,12 +149,14 @@ def write_card(folder: Path, manifest: Manifest, models: Sequence[ModelRecord]) 
         manifest: What it holds.
         models: Those of others that stand in its scenes: their licences ask for their authors' names.
     """
-    atomic.write_text(folder / CARD_FILE, f"---\n{_head(manifest)}---\n{_body(manifest, models)}")
+    head = yaml.safe_dump(card_head(manifest), sort_keys=False)
+    atomic.write_text(folder / CARD_FILE, f"---\n{head}---\n{_body(manifest, models)}")
 
 
-def _head(manifest: Manifest) -> str:
+def card_head(manifest: Manifest) -> dict[str, Any]:
+    """What Hugging Face reads of the card: licence, tags, which files to load, and as what."""
     files = [{"split": split, "path": f"{split}/*.tar"} for split in manifest.splits]
-    head = {
+    return {
         "pretty_name": _title(manifest),
         **licence_tags(manifest),
         "language": ["en"],
@@ -164,7 +166,6 @@ def _head(manifest: Manifest) -> str:
         "configs": [{"config_name": "default", "data_files": files}],
         "dataset_info": {"config_name": "default", "features": _as_list(FEATURES)},
     }
-    return yaml.safe_dump(head, sort_keys=False)
 
 
 def _body(manifest: Manifest, models: Sequence[ModelRecord]) -> str:
