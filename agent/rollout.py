@@ -15,7 +15,7 @@ from agent.envs.episodes import Episode
 from agent.envs.outcomes import Outcome, Recorder
 from agent.replay import ReplayEpisode
 from langwm_data.shards.sample import to_millimetres
-from pretrain.batch import FrameObject
+from pretrain.frames import FrameObject
 
 
 @runtime_checkable

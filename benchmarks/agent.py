@@ -45,8 +45,8 @@ from agent.systems.learner import DreamerLearner
 from agent.systems.registry import find_system, load_agent_config
 from agent.systems.system import Learner, Spaces
 from benchmarks.stages import stage_clock
-from pretrain.batch import FrameObject
 from pretrain.config import Precision
+from pretrain.frames import FrameObject
 from pretrain.precision import has_bf16
 
 STAGES = {

@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.wrappers import RescaleAction, TransformReward
 
-from pretrain.batch import FrameObject
+from pretrain.frames import FrameObject
 
 SIZE = 32
 STEP = 0.2

@@ -20,8 +20,8 @@ from langwm_data.labels.instances import label_frame
 from langwm_data.scenes.navigation import FreeSpace
 from langwm_data.sim.camera import Camera
 from langwm_data.sim.render import make_renderer
-from pretrain.batch import FrameBatch, FrameObject
 from pretrain.config import PretrainConfig
+from pretrain.frames import FrameBatch, FrameObject
 from pretrain.language import FrozenText
 from pretrain.mae import LanguageGroundedMAE
 from pretrain.optim import Optimizer

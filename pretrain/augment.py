@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pretrain.batch import FrameObject
 from pretrain.config import AugmentConfig
+from pretrain.frames import FrameObject
 
 RGB = NDArray[np.uint8]
 Depth = NDArray[np.float32]

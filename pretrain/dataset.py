@@ -15,7 +15,7 @@ from langwm_data.scenes.spec import Split
 from langwm_data.seeding import make_rng
 from langwm_data.shards.dataset import ShardDataset
 from langwm_data.shards.sample import to_metres, to_millimetres
-from pretrain.batch import FrameBatch, FrameObject
+from pretrain.frames import FrameBatch, FrameObject
 from pretrain.model_file import Intrinsics
 
 _BYTES_PER_PIXEL = 3 + 2

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from langwm_data.labels.captions import sample_caption
-from pretrain.batch import FrameObject
 from pretrain.config import ObjectMaskConfig
+from pretrain.frames import FrameObject
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,8 +13,9 @@ from torch import Tensor
 
 from langwm_data.seeding import derive_seed, make_rng
 from pretrain.augment import augment_frame
-from pretrain.batch import FrameBatch, MAEBatch
+from pretrain.batch import MAEBatch
 from pretrain.config import AugmentConfig, ObjectMaskConfig
+from pretrain.frames import FrameBatch
 from pretrain.language import FrozenText
 from pretrain.losses import ADDITIVE, loss_counts, mae_loss
 from pretrain.mae import LanguageGroundedMAE

@@ -30,7 +30,7 @@ from langwm_data.sim.frame import Frame, Renderer
 from langwm_data.sim.lights import Lights, sample_lights
 from langwm_data.sim.render import BlindRenderer, make_renderer
 from langwm_data.sim.world import RobotState
-from pretrain.batch import FrameObject
+from pretrain.frames import FrameObject
 
 Observation = dict[str, np.ndarray]
 

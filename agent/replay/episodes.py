@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Bool, Float, Float32, UInt8, UInt16
 from torch import Tensor
 
-from pretrain.batch import FrameBatch, FrameObject
+from pretrain.frames import FrameBatch, FrameObject
 
 
 @dataclass(frozen=True, kw_only=True)

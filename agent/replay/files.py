@@ -20,7 +20,7 @@ import numpy as np
 
 from agent.replay.episodes import ReplayEpisode
 from langwm_data import atomic
-from pretrain.batch import FrameObject
+from pretrain.frames import FrameObject
 
 SCHEMA_VERSION = 3
 OBJECT_BYTES = 56

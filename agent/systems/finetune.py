@@ -11,7 +11,7 @@ import numpy as np
 from agent.config import FinetuneConfig
 from agent.models.world_model import Metrics
 from langwm_data.seeding import make_rng
-from pretrain.batch import FrameBatch
+from pretrain.frames import FrameBatch
 from pretrain.language import FrozenText
 from pretrain.mae import LanguageGroundedMAE
 from pretrain.optim import Optimizer

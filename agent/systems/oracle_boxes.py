@@ -17,7 +17,7 @@ from agent.systems.dreamerv2 import assemble_vector, make_learner
 from agent.systems.system import make_system
 from langwm_data.config_io import ConfigError
 from langwm_data.scenes.taxonomy import CATEGORIES, FOREIGN_CATEGORIES
-from pretrain.batch import FrameObject
+from pretrain.frames import FrameObject
 
 KINDS: tuple[str, ...] = (*CATEGORIES, *FOREIGN_CATEGORIES)
 """Categories of objects, in the order of the taxonomy."""

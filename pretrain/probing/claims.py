@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from langwm_data.labels.captions import DIRECTIONS, TEMPLATES, DistanceFormat, make_caption
-from pretrain.batch import FrameObject
+from pretrain.frames import FrameObject
 
 RIGHT, EMPTY, OTHER = "right", "empty", "other"
 DISTANCE, DIRECTION, CATEGORY = "distance", "direction", "category"

@@ -10,9 +10,10 @@ from torch import Tensor
 
 from langwm_data.config_io import ConfigError
 from langwm_data.seeding import make_rng
-from pretrain.batch import FrameObject, MAEBatch
+from pretrain.batch import MAEBatch
 from pretrain.config import ObjectMaskConfig
 from pretrain.dataset import FrameDataset
+from pretrain.frames import FrameObject
 from pretrain.language import FrozenText
 from pretrain.object_masking import HiddenObjects, box_with_margin
 from pretrain.probing.claims import RIGHT, Claims, make_claims

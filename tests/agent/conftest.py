@@ -24,8 +24,9 @@ from agent.config import (
 )
 from langwm_data.config import CameraConfig
 from langwm_data.labels.captions import TEMPLATES
-from pretrain.batch import FrameObject, TextTokens
+from pretrain.batch import TextTokens
 from pretrain.config import MAEConfig, OptimConfig, TextConfig
+from pretrain.frames import FrameObject
 from pretrain.mae import LanguageGroundedMAE
 
 SIZE = 16

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from agent.rollout import Collector, run_episode
-from pretrain.batch import FrameObject
+from pretrain.frames import FrameObject
 
 
 class LineEnv(gymnasium.Env):

@@ -18,8 +18,9 @@ from langwm_data.shards.finish import Origin, finish_dataset
 from langwm_data.shards.manifest import CameraRecord
 from langwm_data.shards.sample import Sample
 from langwm_data.shards.writer import write_shard
-from pretrain.batch import FrameBatch, FrameObject, MAEBatch, TextTokens
+from pretrain.batch import MAEBatch, TextTokens
 from pretrain.config import MAEConfig, ObjectMaskConfig, OptimConfig, PretrainConfig, TextConfig
+from pretrain.frames import FrameBatch, FrameObject
 from pretrain.language import FrozenText
 
 HEIGHT, WIDTH = 32, 48

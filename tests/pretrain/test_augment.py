@@ -11,8 +11,8 @@ from scipy import ndimage
 
 from pretrain import augment
 from pretrain.augment import augment_frame, spatial_jitter
-from pretrain.batch import FrameObject
 from pretrain.config import AugmentConfig
+from pretrain.frames import FrameObject
 
 NEVER = AugmentConfig(padding_px=0, color_probability=0.0, grayscale_probability=0.0, blur_probability=0.0)
 

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from langwm_data.labels.captions import direction, format_distance
 from langwm_data.scenes.taxonomy import phrase
-from pretrain.batch import FrameObject
 from pretrain.config import ObjectMaskConfig
+from pretrain.frames import FrameObject
 from pretrain.object_masking import box_with_margin, hide_objects
 
 SIZE = (64, 80)

@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from pretrain import LanguageGroundedMAE, pretrain_mae
-from pretrain.batch import FrameObject
 from pretrain.config import ObjectMaskConfig, TextConfig
+from pretrain.frames import FrameObject
 from pretrain.language import FrozenText, split_sentences
 from pretrain.losses import mae_loss
 from pretrain.mae import IMAGENET_MEAN, IMAGENET_STD

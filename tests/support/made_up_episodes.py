@@ -5,7 +5,7 @@ import torch
 
 from agent.config import ReplayConfig
 from agent.replay import Replay, ReplayEpisode
-from pretrain.batch import FrameObject
+from pretrain.frames import FrameObject
 
 SIZE = (4, 6)
 

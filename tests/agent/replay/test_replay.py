@@ -8,7 +8,7 @@ from made_up_episodes import SIZE, add_bare, assert_same_batch, bare, make_episo
 from agent.config import ReplayConfig
 from agent.replay import Replay, ReplayEpisode
 from agent.replay.files import OBJECT_BYTES, step_bytes
-from pretrain.batch import FrameObject
+from pretrain.frames import FrameObject
 
 
 def test_what_goes_in_comes_out(tmp_path):

@@ -8,7 +8,7 @@ from agent.envs.pointnav import PointNavEnv
 from agent.systems.oracle_boxes import KINDS, NUM_PLACES, describe_objects, wrap_env
 from agent.systems.registry import load_agent_config
 from langwm_data.config_io import ConfigError
-from pretrain.batch import FrameObject
+from pretrain.frames import FrameObject
 
 WIDTH = NUM_PLACES + len(KINDS)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from langwm_data.labels.captions import DIRECTIONS, format_distance
-from pretrain.batch import FrameObject
+from pretrain.frames import FrameObject
 from pretrain.probing.claims import (
     CAPTIONS,
     CATEGORY,
