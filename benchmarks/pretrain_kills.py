@@ -9,68 +9,22 @@ python -m benchmarks.pretrain_kills --out DIR [--data DATA] [--kills 20] [--step
 """
 
 import argparse
-import os
-import subprocess
-import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import torch
 
-from benchmarks.kills import finish, kill_group
-from langwm_data import render_dataset
-from langwm_data.config import DatasetConfig
-from langwm_data.config_io import load_config
+import pretrain.train  # noqa: F401  (imported before the first fork)
+from benchmarks.forks import Command, learned
 from langwm_data.shards.writer import sha256_of
-from pretrain.metrics import read_metrics
+from pretrain.language import MINILM, load_bert
 
 _LONGEST_DELAY_S = 0.1
 """After the step has been logged: kills also fall between steps and into the writing of checkpoints."""
-_POLL_S = 0.01
+_SECONDS = "perf/"
+"""How names of metrics begin that depend on the machine."""
 WEIGHTS = "model/model.safetensors"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Run:
-    """One call of ``langwm pretrain-mae``, but for where it writes."""
-
-    arguments: tuple[str, ...]
-
-    def start(self, out: Path) -> subprocess.Popen[bytes]:
-        """Begin it, or go on with it, in a process group of its own."""
-        root = Path(__file__).resolve().parent.parent
-        return subprocess.Popen(
-            [sys.executable, str(root / "cli.py"), "pretrain-mae", "--out", str(out), *self.arguments],
-            cwd=root,
-            env=os.environ | {"PYTHONPATH": str(root), "LANGWM_LOG": "WARNING"},
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            start_new_session=True,
-        )
-
-
-def kill_at(run: Run, out: Path, step: int, delay_s: float) -> int:
-    """Go on until ``step`` has been logged and a moment longer, then kill; the last step that was logged."""
-    process = run.start(out)
-    while last_step(out) < step and process.poll() is None:
-        time.sleep(_POLL_S)
-    time.sleep(delay_s)
-    if process.poll():
-        finish(process)
-    kill_group(process)
-    return last_step(out)
-
-
-def last_step(out: Path) -> int:
-    """Of the log; what a run that goes on takes back still counts until it does."""
-    rows = read_metrics(out)
-    return rows[-1]["step"] if rows else 0
-
-
-def learned(out: Path) -> list[dict[str, float]]:
-    """The log without what depends on the machine."""
-    return [{k: v for k, v in row.items() if not k.startswith("perf/")} for row in read_metrics(out)]
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -89,24 +43,27 @@ def parse_arguments() -> argparse.Namespace:
 def main() -> None:
     """Run both and compare."""
     options = parse_arguments()
+    torch.set_num_threads(1)
     options.out.mkdir(parents=True, exist_ok=False)
-    data = options.data or render_dataset(
-        load_config(DatasetConfig, "langwm_data", presets=["debug"]), options.out / "data"
-    )
+    data = options.data or options.out / "data"
+    if options.data is None:
+        Command(arguments=("render-dataset", "--preset", "debug")).finish(data)
     settings = ["log_every=1", *options.set]
     flags = ["--data", str(data.resolve()), "--preset", options.preset, "--steps", str(options.steps)]
-    run = Run(arguments=(*flags, *(word for text in settings for word in ("--set", text))))
+    arguments = ("pretrain-mae", *flags, *(word for text in settings for word in ("--set", text)))
+    run = Command(arguments=arguments)
     whole, killed = options.out.resolve() / "whole", options.out.resolve() / "killed"
+    load_bert(MINILM)  # what it imports is then there in every fork
     start = time.perf_counter()
-    finish(run.start(whole))
-    print(f"undisturbed: {options.steps} steps, {time.perf_counter() - start:.1f} s")
+    run.finish(whole)
+    print(f"undisturbed: {options.steps} steps, {time.perf_counter() - start:.1f} s", flush=True)
     rng = np.random.default_rng(options.seed)
     for number, step in enumerate(sorted(rng.integers(1, options.steps, options.kills).tolist()), start=1):
-        last = kill_at(run, killed, step, float(rng.uniform(0, _LONGEST_DELAY_S)))
+        last = run.kill_at(killed, step, float(rng.uniform(0, _LONGEST_DELAY_S)))
         print(f"kill {number:3d} at step {last}", flush=True)
-    finish(run.start(killed))
-    rows = learned(whole)
-    is_same = rows == learned(killed) and len(rows) == options.steps
+    run.finish(killed)
+    rows = learned(whole, except_for=_SECONDS)
+    is_same = rows == learned(killed, except_for=_SECONDS) and len(rows) == options.steps
     has_same_weights = sha256_of(whole / WEIGHTS) == sha256_of(killed / WEIGHTS)
     print(f"{len(rows)} logged steps: {'equal' if is_same else 'DIFFERENT'}")
     print(f"weights: {'equal' if has_same_weights else 'DIFFERENT'}")

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks import combinations, fuzz, kills, memory, pretrain_kills
+from benchmarks import combinations, forks, fuzz, kills, memory
 from langwm_data import render_dataset
 from langwm_data.config import DatasetConfig
 from langwm_data.config_io import build_config
@@ -138,10 +138,11 @@ def test_a_run_that_learned_something_else_is_told_apart(tmp_path):
         (tmp_path / name).mkdir()
         row = {"step": 1, "mae/depth_loss": loss, "perf/images_per_s": 10 * loss}
         (tmp_path / name / "metrics.jsonl").write_text(json.dumps(row) + "\n")
-    assert pretrain_kills.learned(tmp_path / "a") == [{"step": 1, "mae/depth_loss": 1.0}]
-    assert pretrain_kills.learned(tmp_path / "a") != pretrain_kills.learned(tmp_path / "b")
-    assert pretrain_kills.last_step(tmp_path / "a") == 1
-    assert pretrain_kills.last_step(tmp_path) == 0
+    learned = [forks.learned(tmp_path / name, except_for="perf/") for name in "ab"]
+    assert learned[0] == [{"step": 1, "mae/depth_loss": 1.0}]
+    assert learned[0] != learned[1]
+    assert forks.last_step(tmp_path / "a") == 1
+    assert forks.last_step(tmp_path) == 0
 
 
 def test_combinations_differ_in_their_switches_alone():
