@@ -4,13 +4,15 @@ Owns names, atomic writing and safe reading. What a checkpoint holds is the trai
 tensors, numbers, strings, lists and dicts. Nothing else is ever unpickled.
 """
 
+import io
 import pickle
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import torch
+from typing_extensions import Buffer
 
 from langwm_data import atomic
 from langwm_data.shards.writer import sha256_of
@@ -19,6 +21,8 @@ CHECKPOINTS = "checkpoints"
 SCHEMA_VERSION = 1
 _STATE = "state.pt"
 _DONE = "done"
+_PIECE = 2**20
+"""Bytes that are written at once. PyTorch hands over a thousand scraps for one checkpoint."""
 
 
 def save_checkpoint(run: Path, step: int, state: Mapping[str, Any], *, keep: int = 2) -> Path:
@@ -83,32 +87,27 @@ def _way_out(folder: Path) -> str:
 
 
 def _save(value: Mapping[str, Any], path: Path) -> None:
-    with path.open("wb") as file:
-        watched = _Watched(file)
-        try:
-            torch.save(value, watched)  # pyright: ignore[reportArgumentType]
-        except RuntimeError as error:
-            if watched.error is None:
-                raise
-            raise OSError(watched.error.errno, watched.error.strerror, str(path)) from error
+    watched = _Watched(path, "w")
+    try:
+        with io.BufferedWriter(watched, _PIECE) as file:
+            torch.save(value, file)
+    except (RuntimeError, OSError) as error:
+        if watched.error is None:
+            raise
+        raise OSError(watched.error.errno, watched.error.strerror, str(path)) from error
 
 
-class _Watched:
+class _Watched(io.FileIO):
     """A file that remembers why it could not be written: PyTorch puts an error of its own in its place."""
 
-    def __init__(self, file: BinaryIO) -> None:
-        self._file = file
-        self.error: OSError | None = None
+    error: OSError | None = None
 
-    def write(self, data: bytes | memoryview) -> int:
+    def write(self, data: Buffer, /) -> int:
         try:
-            return self._file.write(data)
+            return super().write(data)
         except OSError as error:
             self.error = error
             raise
-
-    def flush(self) -> None:
-        self._file.flush()
 
 
 def _complete(run: Path) -> list[Path]:
