@@ -65,9 +65,11 @@ def keep_rows(out: Path, players: Sequence[Player], rows: Sequence[Row], episode
     """Write the rows of an evaluation beside the older ones that are still true.
 
     Those of a player that has learned since are not, and those of other episodes of the split would make one
-    score of two sets. A longer list that begins with these episodes stays, and so does its checksum.
+    score of two sets. A longer list that begins with these episodes stays, and so does its checksum. Systems
+    come in the order of the players, in one split as in the other.
     """
     identities = {player.system: player.identity for player in players}
+    order = {name: place for place, name in enumerate(identities)}
     older = [*read_rows(out), *Journal(out).read()]
     kept = {key_of(r): r for r in older if r.get("player") == identities.get(r["system"], r.get("player"))}
     tasks = {(e.scene, number): task_of(e) for number, e in numbered(episodes.episodes)}
@@ -76,9 +78,9 @@ def keep_rows(out: Path, players: Sequence[Player], rows: Sequence[Row], episode
         kept = {key: r for key, r in kept.items() if r["split"] != episodes.split}
         same_split = []
     new = {key_of(row): row for row in rows}
-    others = [kept[key] for key in sorted(kept) if key not in new]
+    others = sorted(set(kept) - set(new), key=lambda key: (order.get(kept[key]["system"], len(order)), key))
     is_longest = all(_place_of(r) in tasks for r in same_split)
-    write_rows(out, [*new.values(), *others], episodes if is_longest else None)
+    write_rows(out, [*new.values(), *(kept[key] for key in others)], episodes if is_longest else None)
     Journal(out).remove()
 
 
