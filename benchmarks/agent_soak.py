@@ -74,9 +74,10 @@ def main() -> None:
         train_agent(config, asked.out, progress=note)
     except KeyboardInterrupt:
         print(f"stopped; {time.process_time():.0f} s of CPU")
-    late = np.array(rows[len(rows) // 2 :])
+    early, late = np.array_split(np.array(rows), 2)
     slope = np.polyfit(late[:, 0], late[:, 1], 1)[0]
-    print(f"second half: {1e5 * slope:+.2f} MB in 100,000 steps")
+    print(f"second half: {1e5 * slope:+.2f} MB in 100,000 steps, by a straight line")
+    print(f"at most {early[:, 1].max():.1f} MB in the first half, {late[:, 1].max():.1f} MB in the second")
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 Needs the package stable-baselines3; nothing else here does. The environment is given to it as it is:
 ``MultiInputPolicy`` takes the dictionary of observations. Prints the mean return of every tenth of
-the steps.
+the steps, and how many of its last episodes, at most 100, succeeded.
 
     python -m benchmarks.foreign --algorithm ppo --steps 20000 --set env.reward.progress=5
 """
@@ -52,7 +52,12 @@ def main() -> None:
         learner.learn(asked.steps // 10, reset_num_timesteps=part == 0)
         returns = monitor.get_episode_rewards()[before:]
         mean = np.mean(returns) if returns else float("nan")
-        print(f"{learner.num_timesteps:>8} steps  {len(returns):>4} episodes  mean return {mean:8.2f}")
+        last = [episode["success"] for episode in learner.ep_info_buffer][-len(returns) :] if returns else []
+        share = f"  success of the last {len(last)}: {np.mean(last):.0%}" if last else ""
+        print(
+            f"{learner.num_timesteps:>8} steps  {len(returns):>4} episodes  mean return {mean:8.2f}{share}",
+            flush=True,
+        )
     env.close()
 
 
