@@ -36,7 +36,9 @@ class TokenCache:
         """Frames remembered at most; known once one has been encoded."""
         self._tokens: OrderedDict[bytes, Tensor] = OrderedDict()
 
-    def __len__(self) -> int:
+    @property
+    def num_frames(self) -> int:
+        """Frames remembered now."""
         return len(self._tokens)
 
     def encode(self, rgb: UInt8[Tensor, "B H W 3"]) -> Float[Tensor, "B N V"]:

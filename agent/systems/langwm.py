@@ -34,7 +34,7 @@ class MAEPerception(Perception):
 
     Args:
         mae: The autoencoder.
-        cache: Remembers the tokens of a MAE that never changes; none where it is finetuned.
+        cache: Remembers the tokens of a MAE that never changes; without one all are computed every time.
         key: Whether a slowly moving copy goes beside it, and whether the tokens are the copy's.
     """
 
@@ -45,7 +45,7 @@ class MAEPerception(Perception):
         self.mae = mae
         self.key = None if key.mode == "none" else KeyEncoder(mae, key.momentum)
         seen = self.key.mae if self.key and key.mode == "ema_features" else mae
-        self._encode = cache.encode if cache else seen.encode
+        self._encode = seen.encode if cache is None else cache.encode
 
     def encode(self, obs: Mapping[str, Tensor]) -> Float[Tensor, "B N V"]:
         """Tokens of ``rgb``."""
@@ -142,7 +142,9 @@ def create(config: AgentConfig, spaces: Spaces) -> Dreamer:
     if config.env.id is None:
         check_camera(mae, config.env.camera)
     mae = mae.to(config.device)
-    cache = TokenCache(mae, config.token_cache_mib) if config.features == "frozen" else None
+    # Frames on another device would have to be fetched, one after the other, to be looked up.
+    is_cached = config.features == "frozen" and mae.device.type == "cpu"
+    cache = TokenCache(mae, config.token_cache_mib) if is_cached else None
     with torch.random.fork_rng([]):
         torch.manual_seed(torch_seed(config.seed, "agent weights"))
         model = _assemble(MAEPerception(mae, cache=cache, key=config.key_encoder), config, spaces)

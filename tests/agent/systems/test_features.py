@@ -33,7 +33,7 @@ def test_memory_is_limited_and_forgets_the_oldest(tiny_mae):
     cache.capacity = 3
     rgb = frames(5)
     kept = cache.encode(rgb)
-    assert len(cache) == 3
+    assert cache.num_frames == 3
     assert torch.equal(cache.encode(rgb), kept)
 
 

@@ -10,6 +10,7 @@ from agent.systems import langwm
 from langwm_data.config_io import ConfigError
 from pretrain import parts
 from pretrain.config import MAEConfig
+from pretrain.mae import LanguageGroundedMAE
 
 
 def test_sizes_of_the_paper(model, spaces):
@@ -35,6 +36,20 @@ def test_frames_are_encoded_a_few_at_a_time(tiny_config, spaces, monkeypatch):
     monkeypatch.setattr(parts, "ROWS_AT_ONCE", 3)
     torch.testing.assert_close(perception.encode({"rgb": rgb}), together)
     torch.testing.assert_close(perception.mae.encode(rgb), together)
+
+
+@pytest.mark.parametrize(("features", "repeats"), [("frozen", 0), ("finetuned", 2)])
+def test_frames_are_encoded_again_only_where_the_mae_learns(
+    features, repeats, frozen_config, spaces, monkeypatch
+):
+    perception = langwm.create(dataclasses.replace(frozen_config, features=features), spaces).perception
+    rgb = torch.randint(0, 256, (2, 16, 16, 3), dtype=torch.uint8)
+    first, calls, encode = perception.encode({"rgb": rgb}), [], LanguageGroundedMAE.features
+    monkeypatch.setattr(
+        LanguageGroundedMAE, "features", lambda mae, frames: calls.append(len(frames)) or encode(mae, frames)
+    )
+    assert torch.equal(perception.encode({"rgb": rgb}), first)
+    assert sum(calls) == repeats
 
 
 def test_only_finetuning_needs_labels(tiny_config, frozen_config):
