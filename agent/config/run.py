@@ -79,8 +79,8 @@ class AgentConfig:
     features: Literal["frozen", "finetuned"] = "finetuned"
     """Whether the MAE goes on learning. Source: method notes, decision 26."""
     token_cache_mib: PositiveInt = 1024
-    """Memory for the tokens of frames seen before, where features are frozen and computed on the CPU. To look
-    a frame up takes a twentieth of the time; to compute one that is not there, twice the time."""
+    """Memory for the tokens of frames seen before, where features are frozen and computed on the CPU. A MAE's
+    are remembered only where those of all ``steps`` fit."""
     device: str = "cpu"
     precision: Precision = "fp32"
     """``bf16``: autocast; weights and optimizers stay in fp32. ``auto``: bf16 where the device has

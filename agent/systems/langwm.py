@@ -142,12 +142,11 @@ def create(config: AgentConfig, spaces: Spaces) -> Dreamer:
     if config.env.id is None:
         check_camera(mae, config.env.camera)
     mae = mae.to(config.device)
-    # Frames on another device would have to be fetched, one after the other, to be looked up.
-    is_cached = config.features == "frozen" and mae.device.type == "cpu"
-    cache = TokenCache(mae, config.token_cache_mib) if is_cached else None
     with torch.random.fork_rng([]):
         torch.manual_seed(torch_seed(config.seed, "agent weights"))
-        model = _assemble(MAEPerception(mae, cache=cache, key=config.key_encoder), config, spaces)
+        model = _assemble(
+            MAEPerception(mae, cache=_make_cache(mae, config), key=config.key_encoder), config, spaces
+        )
     return model.to(config.device)
 
 
@@ -175,6 +174,19 @@ def _make_mae(config: AgentConfig) -> LanguageGroundedMAE:
     with torch.random.fork_rng([]):
         torch.manual_seed(torch_seed(config.seed, "mae weights"))
         return LanguageGroundedMAE(config.finetune.model, config.finetune.text, null)
+
+
+def _make_cache(mae: LanguageGroundedMAE, config: AgentConfig) -> TokenCache | None:
+    """Memory for the features of a frozen MAE, unrounded, so that an agent that is read back acts the same.
+
+    None where it would not hold every frame, since frames that are missed are encoded one by one, which is
+    slower than all together; and none on other devices, from which frames would have to be fetched.
+    """
+    frame_bytes = 4 * (1 + mae.config.num_patches) * mae.config.dim
+    num_frames = min(config.steps, config.replay.capacity_steps)
+    fits = num_frames * frame_bytes <= config.token_cache_mib * 2**20
+    is_used = config.features == "frozen" and mae.device.type == "cpu" and fits
+    return TokenCache(mae, config.token_cache_mib, torch.float32) if is_used else None
 
 
 def _assemble(perception: MAEPerception, config: AgentConfig, spaces: Spaces) -> Dreamer:
