@@ -42,9 +42,7 @@ class Command:
         """
         _, status = os.waitpid(self.start(out), 0)
         if code := os.waitstatus_to_exitcode(status):
-            raise SystemExit(
-                f"{self.arguments[0]} failed with {code}; see {out.with_name(f'{out.name}.log')}"
-            )
+            raise SystemExit(f"{self.arguments[0]} failed with {code}; see {self._log_of(out)}")
 
     def kill_at(self, out: Path, step: int, delay_s: float) -> int:
         """Go on until ``step`` has been logged and a moment longer, then kill; the last step that was logged.

@@ -78,7 +78,7 @@ def keep_rows(out: Path, players: Sequence[Player], rows: Sequence[Row], episode
         kept = {key: r for key, r in kept.items() if r["split"] != episodes.split}
         same_split = []
     new = {key_of(row): row for row in rows}
-    others = sorted(set(kept) - set(new), key=lambda key: (order.get(kept[key]["system"], len(order)), key))
+    others = sorted(set(kept) - set(new), key=lambda key: (order.get(key[0], len(order)), key))
     is_longest = all(_place_of(r) in tasks for r in same_split)
     write_rows(out, [*new.values(), *(kept[key] for key in others)], episodes if is_longest else None)
     Journal(out).remove()

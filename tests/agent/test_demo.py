@@ -47,6 +47,7 @@ def test_report_stands_alone_and_shows_the_numbers_on_disk(demo):
     summary = json.loads((out / "agent/eval/summary.json").read_text())
     systems = {score["system"] for score in summary["scores"]}
     in_order = ["langwm", "random", "straight-ahead", "turn-to-goal", "oracle"]
+    assert systems == set(in_order)
     shown = [name for name in re.findall(r"<td>([a-z-]+)</td>", page) if name in systems]
     assert shown == [*in_order, *in_order]  # on test floors and on train floors
 

@@ -38,11 +38,14 @@ def test_frames_are_encoded_a_few_at_a_time(tiny_config, spaces, monkeypatch):
     torch.testing.assert_close(perception.mae.encode(rgb), together)
 
 
-@pytest.mark.parametrize(("features", "repeats"), [("frozen", 0), ("finetuned", 2)])
-def test_frames_are_encoded_again_only_where_the_mae_learns(
-    features, repeats, frozen_config, spaces, monkeypatch
+@pytest.mark.parametrize(
+    ("changes", "repeats"), [({}, 0), ({"features": "finetuned"}, 2), ({"steps": 10**7}, 2)]
+)
+def test_frames_are_encoded_again_only_where_the_mae_learns_or_not_all_fit(
+    changes, repeats, frozen_config, spaces, monkeypatch
 ):
-    perception = langwm.create(dataclasses.replace(frozen_config, features=features), spaces).perception
+    tight = dataclasses.replace(frozen_config, token_cache_mib=1)
+    perception = langwm.create(dataclasses.replace(tight, **changes), spaces).perception
     rgb = torch.randint(0, 256, (2, 16, 16, 3), dtype=torch.uint8)
     first, calls, encode = perception.encode({"rgb": rgb}), [], LanguageGroundedMAE.features
     monkeypatch.setattr(

@@ -112,8 +112,8 @@ def test_all_of_dreamerv3s_additions_learn_together(make_learner, frozen_config)
     history = [learner.update_on(make_batch(), index) for index in range(60)]
     assert history[0]["wm/reward_loss"] == pytest.approx(math.log(255), rel=1e-5)
     assert history[-1]["wm/reward_loss"] < history[0]["wm/reward_loss"] - 0.5
-    critic = [
-        metrics["behavior/critic_loss"] for metrics in history
-    ]  # its targets move as the rewards are learned
-    assert sum(critic[-10:]) / 10 < max(critic) - 0.5
+    critic = [metrics["behavior/critic_loss"] for metrics in history]
+    late = sum(critic[-10:]) / 10  # its targets move as the rewards are learned: first they run away from it
+    assert late < critic[0]
+    assert late < max(critic) - 0.5
     assert model.behavior.return_scale.spread == history[-1]["behavior/return_spread"] > 0

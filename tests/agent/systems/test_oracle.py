@@ -13,7 +13,7 @@ from agent.systems.controls import CONTROL_NAMES, CONTROLS, make_control
 from agent.systems.oracle import make_oracle
 from langwm_data.config_io import ConfigError
 
-CONFIG = EnvConfig(distance_edges_m=(1.0, 2.0, 3.0, 5.0), is_blind=True, max_steps=200)
+CONFIG = EnvConfig(distance_edges_m=(1.0, 2.0, 3.0, 5.0), is_blind=True)
 
 
 @pytest.fixture(scope="module")
